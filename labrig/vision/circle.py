@@ -22,8 +22,10 @@ _LEAST_FLATNESS = 1e-8
 _LARGEST_RADIUS = 1e6
 # Relative changes at which the search ends.
 _SETTLED: dict[str, Any] = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
-# Reweighted steps in which the scale follows the residuals, and those after the search.
-_SCALE_STEPS, _LAST_STEPS = 10, 6
+# Reweighted steps in which the scale follows the residuals, most of those with a held scale, and those after a search.
+_SCALE_STEPS, _MOST_STEPS, _LAST_STEPS = 10, 24, 6
+# A step that moves the circle by less, in units of the points' rms distance from their centroid, is the last.
+_SETTLED_STEP = 1e-12
 _TRIPLES = 128
 _POINTS_JUDGING_A_TRIPLE = 128
 _TRIPLE_SEED = 20_090_816
@@ -109,28 +111,7 @@ def fit_circle(points: ArrayLike, *, robust: bool = True) -> Circle:
     for _ in range(_SCALE_STEPS if robust else 0):
         scale = _robust_scale(_find_residuals(model, normal))
         model = _step(normal, model, scale)
-    # Steps alone converge slowly if many points are close to being outliers. A search ends where the loss changes no
-    # more, which leaves half of the digits; further steps find the others.
-    loss: Any = _lose_by_tukey if robust else "linear"
-    reach = _TUKEY_CONSTANT * scale if robust else 1.0
-    found = least_squares(
-        _find_residuals,
-        model,
-        _find_slopes,
-        args=(normal,),
-        loss=loss,
-        f_scale=reach,
-        x_scale="jac",
-        **_SETTLED,
-    )
-    if not found.success:
-        raise MeasurementRefusedError(
-            f"the robust circle through {len(array)} points does not settle: they lie on no single circle",
-            "leave out what is not on the arc",
-        )
-    model = found.x
-    for _ in range(_LAST_STEPS):
-        model = _step(normal, model, scale)
+    model = _settle(normal, model, scale)
     if not model[2] < _LARGEST_RADIUS:
         raise _collinear_error(len(array))
     residuals = _find_residuals(model, normal)
@@ -190,6 +171,39 @@ def _step(points: _FloatArray, model: _FloatArray, scale: float) -> _FloatArray:
     root = np.sqrt(_biweight(residuals, scale))
     slopes = root[:, None] * _find_slopes(model, points)
     return np.asarray(model - np.linalg.lstsq(slopes, root * residuals, rcond=None)[0])
+
+
+def _settle(points: _FloatArray, model: _FloatArray, scale: float) -> _FloatArray:
+    """Return the circle where no step moves it; steps alone are slow where many points are nearly outliers.
+
+    There a search follows. It ends where the loss changes no more, which leaves half of the digits; further steps find
+    the others.
+    """
+    for _ in range(_MOST_STEPS):
+        before, model = model, _step(points, model, scale)
+        if np.abs(model - before).max() <= _SETTLED_STEP:
+            return model
+    robust = np.isfinite(scale)
+    loss: Any = _lose_by_tukey if robust else "linear"
+    found = least_squares(
+        _find_residuals,
+        model,
+        _find_slopes,
+        args=(points,),
+        loss=loss,
+        f_scale=_TUKEY_CONSTANT * scale if robust else 1.0,
+        x_scale="jac",
+        **_SETTLED,
+    )
+    if not found.success:
+        raise MeasurementRefusedError(
+            f"the robust circle through {len(points)} points does not settle: they lie on no single circle",
+            "leave out what is not on the arc",
+        )
+    model = found.x
+    for _ in range(_LAST_STEPS):
+        model = _step(points, model, scale)
+    return model
 
 
 def _lose_by_tukey(squares: _FloatArray) -> _FloatArray:

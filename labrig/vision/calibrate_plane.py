@@ -3,9 +3,8 @@
 The map is a homography, and one radial term without a known lens, by least squares over hundreds or thousands of
 points of the paper's lines. A point a quarter of a pitch or more off is a false detection and is left out. Any other
 error, from the lens or from paper that is not flat, shows in the residuals, and these decide whether the map is
-accepted. Blocks of
-neighbouring points are left out in turn: what the rest predicts for them is the hold-out error, and how the map moves
-its covariance (a jackknife over blocks, because uneven paper displaces neighbours alike).
+accepted. Blocks of neighbouring points are left out in turn: what the rest predicts for them is the hold-out error, and
+how the map moves its covariance (a jackknife over blocks, because uneven paper displaces neighbours alike).
 
 Paper at a height h above the needle's plane appears where that plane lies at p + (p - c) h / D, for a camera at the
 distance D above the point c of the plane (plane and parallax). A bent sheet shows in the residuals, but the homography
@@ -26,7 +25,7 @@ from scipy.optimize import least_squares
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.text import round_down, round_up
 from labrig.vision.gel import Gel
-from labrig.vision.intrinsics import Intrinsics, vary_lens
+from labrig.vision.intrinsics import Intrinsics, measure_rms, vary_lens
 from labrig.vision.paper import PaperPoints, find_paper
 from labrig.vision.picture import Picture, require_size, size_of
 from labrig.vision.plane import (
@@ -143,7 +142,7 @@ def calibrate_plane(
         gel=gel,
         paper_sigma_mm=paper_sigma_mm,
         points=len(fit.ideal),
-        rms_mm=_measure_rms(fit.errors_mm),
+        rms_mm=measure_rms(fit.errors_mm),
     )
     plane = _anchor(plane)
     pixels, groups = found.pixels[fit.kept], _number_groups(found.cells[fit.kept])
@@ -318,7 +317,7 @@ class PlaneFit:
             np.sqrt(1.0 - 1.0 / len(numbers)) * np.array(moves), full_matrices=False
         )
         axes = axes[lengths > 0.0] * lengths[lengths > 0.0, None]
-        return [self.homography + move.reshape(3, 3) for move in axes], _measure_rms(np.vstack(errors))
+        return [self.homography + move.reshape(3, 3) for move in axes], measure_rms(np.vstack(errors))
 
 
 def fit_plane(
@@ -469,10 +468,6 @@ def _vary_paper(fit: PlaneFit, lens: Intrinsics | None, paper_sigma_mm: float | 
     if paper_sigma_mm:
         others.append(raise_paper(fit.homography, paper_sigma_mm / float(foot[2]), foot[:2]))
     return others
-
-
-def _measure_rms(errors_mm: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.sum(errors_mm**2, axis=1))))
 
 
 def _judge(plane: PlaneMap, found: PaperPoints, fit: PlaneFit, turn_rad: float) -> tuple[float, list[str]]:

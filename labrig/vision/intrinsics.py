@@ -263,3 +263,8 @@ def check_points(points: ArrayLike, what: str = "pixels") -> _FloatArray:
     if array.ndim != 2 or array.shape[1] != 2:
         raise InputError(f"{what} have shape {array.shape}, not (N, 2)", "one row per point")
     return array
+
+
+def measure_rms(errors: _FloatArray) -> float:
+    """Return the root mean square length of errors (N, 2), in their unit."""
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

@@ -44,7 +44,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from labrig.errors import CalibrationRefusedError
-from labrig.vision.intrinsics import PARAMETERS, ViewResidual
+from labrig.vision.intrinsics import PARAMETERS, ViewResidual, measure_rms
 
 _FloatArray = NDArray[np.float64]
 
@@ -394,11 +394,6 @@ def select_views(views: Sequence[ObservedView], size: tuple[int, int]) -> Select
     if compared is None:
         return Selection(fit, None, told)
     return Selection(_widen_by_views(fit, compared), float(np.sqrt(np.mean(compared.error_px**2))), told)
-
-
-def measure_rms(errors_px: _FloatArray) -> float:
-    """Return the root mean square length of errors (N, 2)."""
-    return float(np.sqrt(np.mean(np.sum(errors_px**2, axis=1))))
 
 
 def _list_pairs(points: _FloatArray) -> tuple[tuple[float, float], ...]:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.text import round_down, round_up
-from labrig.vision.intrinsics import PARAMETERS, BoardWarp, Intrinsics, LensEffect, vary_lens
-from labrig.vision.lens_fit import LENS, Fit, Selection, measure_rms
+from labrig.vision.intrinsics import PARAMETERS, BoardWarp, Intrinsics, LensEffect, measure_rms, vary_lens
+from labrig.vision.lens_fit import LENS, Fit, Selection
 
 _FloatArray = NDArray[np.float64]
 

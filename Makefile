@@ -4,6 +4,7 @@
 # make test-slow   the other tests: kills, full disks, clusters, the wheel, the manual, a foreign CANopen client
 # make test-random   the tests of properties with other examples, of the seed that is printed; the same again: SEED=N
 # make test-processors   run tests with other kernels of numpy, OpenCV, BLAS and libm, and print how far numbers differ
+# make mutants    change 200 places of steering, vision and record, and count what the tests notice; others: N=60 SEED=3
 # make coverage   all tests with branch coverage
 # make manual     build the manual as a site in .venv/manual/html; a link that leads nowhere fails
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p))))
@@ -14,7 +15,7 @@ OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
 ROOMS := vision needle steering protocol record analysis simulation cli/test_kept_records.py
 
-.PHONY: run test check test-slow test-random check-rooms test-processors coverage benchmarks manual clean
+.PHONY: run test check test-slow test-random check-rooms test-processors coverage mutants benchmarks manual clean
 .DELETE_ON_ERROR:
 
 run: $(READY)
@@ -52,6 +53,13 @@ coverage: test test-slow
 
 manual: $(READY)
 	$(BIN)/sphinx-build -q -W -b html labrig/manual $(VENV)/manual/html
+
+# Hours, of which most are those of the changes that no test notices.
+mutants: N ?= 200
+mutants: SEED ?= 1
+mutants: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[mutation]'
+	$(BIN)/python -m tests.mutants --sample $(N) --seed $(SEED)
 
 benchmarks: $(READY)
 	$(BIN)/python -m tests.benchmarks

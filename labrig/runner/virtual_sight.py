@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from typing import TypeVar
 
 import numpy as np
 
@@ -37,6 +38,8 @@ from labrig.vision.plane_check import GridCheck
 from labrig.vision.shaft_tip import ShaftTip
 from labrig.vision.sheath import SheathPose
 from labrig.vision.tip import TipFix, is_off_rim
+
+_Errors = TypeVar("_Errors", "SightingErrors", "ShaftErrors")
 
 FITTED_MM_PER_PX = 0.1053
 """Scale of the rig that the errors were fitted to."""
@@ -96,14 +99,6 @@ class SightingErrors:
     bend_sd_mm: float = 0.028
     marker_sd_px: float = 0.05
 
-    def scale(self, factor: float) -> "SightingErrors":
-        """Return the errors where a pixel shows so much more; how a tip bends and what hides it stays as it is."""
-        read = (
-            "along_mm", "along_sd_mm", "across_mm", "across_sd_mm", "rim_mm",
-            "sheath_along_mm", "sheath_sd_mm", "bend_mm", "bend_sd_mm",
-        )  # fmt: skip
-        return replace(self, **{name: factor * getattr(self, name) for name in read})
-
 
 TURN_MM = 2.0
 """Length of the tip over which its turn counts for `SightingErrors.turn_mm`."""
@@ -134,7 +129,7 @@ class ShaftErrors:
         By how much it looks wider `RIM_MM` from the camera's foot, as a share; this grows with the squared distance.
     length_mm, length_sd_mm : float
         Of the seen length.
-    ends_mm : tuple of (float, float, float)
+    ends_since_mm, ends_along_mm, ends_across_mm : tuple of float
         Lengths inserted since the bevel was turned, and the mean error of the end there: along the needle, and towards
         the side to which it bends, interpolated in between: a parabola that is fitted to the last stretch does not
         follow a bend that swings over.
@@ -151,54 +146,39 @@ class ShaftErrors:
     rim: float = 0.006
     length_mm: float = 0.047
     length_sd_mm: float = 0.085
-    ends_mm: tuple[tuple[float, float, float], ...] = (
-        (3.0, -0.16, -0.075),
-        (5.4, -0.07, 0.010),
-        (6.5, 0.01, 0.020),
-        (8.0, 0.05, 0.045),
-        (10.0, 0.03, 0.030),
-    )
+    ends_since_mm: tuple[float, ...] = (3.0, 5.4, 6.5, 8.0, 10.0)
+    ends_along_mm: tuple[float, ...] = (-0.16, -0.07, 0.01, 0.05, 0.03)
+    ends_across_mm: tuple[float, ...] = (-0.075, 0.010, 0.020, 0.045, 0.030)
     along_sd_mm: float = 0.045
     across_sd_mm: float = 0.015
     told_mm: float = 0.066
 
-    def scale(self, factor: float) -> "ShaftErrors":
-        """Return the errors where a pixel shows so much more."""
-        read = ("length_mm", "length_sd_mm", "along_sd_mm", "across_sd_mm", "told_mm")
-        ends_mm = tuple((since, factor * along, factor * across) for since, along, across in self.ends_mm)
-        return replace(self, **{name: factor * getattr(self, name) for name in read}, ends_mm=ends_mm)
-
-    def find_end_mm(self, since_turn_mm: float) -> tuple[float, float]:
-        """Return the mean error of the end so far after a turn, along the needle and towards its bend."""
-        since, along, across = np.transpose(self.ends_mm)
-        return float(np.interp(since_turn_mm, since, along)), float(np.interp(since_turn_mm, since, across))
-
 
 SHAFT_ERRORS = ShaftErrors()
 
+_GROWS = (
+    "along_mm", "along_sd_mm", "across_mm", "across_sd_mm", "rim_mm", "sheath_along_mm", "sheath_sd_mm", "bend_mm",
+    "bend_sd_mm", "length_mm", "length_sd_mm", "told_mm", "ends_along_mm", "ends_across_mm",
+)  # fmt: skip
+"""What grows with the mm per pixel; how a tip bends and what hides it does not."""
 
-@dataclass(frozen=True, eq=False)
-class SeenPath:
-    """A path as seen in the plane, (N, 2), its seen arc lengths, and its seen widths over the true, (N,)."""
 
-    places_mm: FloatArray
-    arcs_mm: FloatArray
-    scales: FloatArray
+def _scale(errors: _Errors, factor: float) -> _Errors:
+    """Return errors where a pixel shows so much more."""
+    grown = {
+        name: np.multiply(factor, value).tolist() for name, value in vars(errors).items() if name in _GROWS
+    }
+    return replace(errors, **grown)
 
-    @classmethod
-    def of(cls, places_mm: FloatArray, scales: FloatArray) -> "SeenPath":
-        """Return a path by where its points are seen (N, 2), and by their scales (N,)."""
-        steps_mm = np.linalg.norm(np.diff(places_mm, axis=0), axis=1)
-        return cls(places_mm, np.concatenate(([0.0], np.cumsum(steps_mm))), scales)
 
-    @property
-    def length_mm(self) -> float:
-        """The seen length."""
-        return float(self.arcs_mm[-1])
+def measure_arcs(places_mm: FloatArray) -> FloatArray:
+    """Return the seen arc lengths (N,) at the points of a path (N, 2)."""
+    steps_mm = np.linalg.norm(np.diff(places_mm, axis=0), axis=1)
+    return np.concatenate(([0.0], np.cumsum(steps_mm)))
 
 
 def draw_shaft(
-    seen: SeenPath,
+    seen: tuple[FloatArray, FloatArray],
     plane: PlaneMap,
     diameter_mm: float,
     since_turn_mm: float,
@@ -206,45 +186,44 @@ def draw_shaft(
     *,
     errors: ShaftErrors = SHAFT_ERRORS,
 ) -> ShaftTip:
-    """Return a shaft as measured in a picture of a needle with this path, the sheath's end first."""
-    at_mm = np.arange(0.0, seen.length_mm, _ROW_MM)
-    places_mm = np.column_stack([np.interp(at_mm, seen.arcs_mm, line) for line in seen.places_mm.T])
+    """Return a shaft as measured in a picture: `seen` are the places (N, 2) of its path and their scales (N,)."""
+    path_mm, scales = seen
+    arcs_mm = measure_arcs(path_mm)
+    at_mm = np.arange(0.0, arcs_mm[-1], _ROW_MM)
+    places_mm = np.column_stack([np.interp(at_mm, arcs_mm, line) for line in path_mm.T])
     wider = (
         errors.rim * square_distances(places_mm, Perspective.of(plane))
-        + noise.normal(0.0, errors.taper_sd) * (at_mm / seen.length_mm - 0.5)
+        + noise.normal(0.0, errors.taper_sd) * (at_mm / arcs_mm[-1] - 0.5)
         + _draw_rough(len(at_mm), noise, errors)
     )
-    widths_mm = diameter_mm * np.interp(at_mm, seen.arcs_mm, seen.scales) * (1.0 + wider)
-    length_mm = seen.length_mm + noise.normal(errors.length_mm, errors.length_sd_mm)
-    y, z = _draw_end(seen, errors.find_end_mm(since_turn_mm), noise, errors)
-    pixels = plane.to_px(np.array([[y, z]]))[0]
-    forward = seen.places_mm[-1] - seen.places_mm[-2]
+    widths_mm = diameter_mm * np.interp(at_mm, arcs_mm, scales) * (1.0 + wider)
+    length_mm = float(arcs_mm[-1]) + noise.normal(errors.length_mm, errors.length_sd_mm)
+    headings_rad = np.arctan2(*np.diff(path_mm[-_END_POINTS:], axis=0).T)
+    means_mm = [
+        float(np.interp(since_turn_mm, errors.ends_since_mm, means))
+        for means in (errors.ends_along_mm, errors.ends_across_mm)
+    ]
+    means_mm[1] *= math.copysign(1.0, headings_rad[-1] - headings_rad[0])
+    along_mm, across_mm = noise.normal(means_mm, (errors.along_sd_mm, errors.across_sd_mm))
+    tip_mm = _step_off(*path_mm[-1].tolist(), float(headings_rad[-1]), along_mm, across_mm)
+    u, v = plane.to_px([tip_mm])[0].tolist()
     return ShaftTip(
-        tip_px=(float(pixels[0]), float(pixels[1])),
-        tip_mm=(y, z),
-        heading_rad=math.atan2(*forward),
+        tip_px=(u, v),
+        tip_mm=tip_mm,
+        heading_rad=float(headings_rad[-1]),
         length_mm=length_mm,
         width_px=float(np.median(widths_mm)) / plane.mm_per_px,
         centre_line_mm=places_mm,
-        arc_mm=at_mm * (length_mm / seen.length_mm),
+        arc_mm=at_mm * (length_mm / arcs_mm[-1]),
         widths_mm=widths_mm,
         errors=PlaceErrors(fit_mm=errors.told_mm),
     )
 
 
-def _draw_end(
-    seen: SeenPath, mean_mm: tuple[float, float], noise: np.random.Generator, errors: ShaftErrors
-) -> tuple[float, float]:
-    """Return the end (y, z) of a shaft, read off by the mean along it and towards its bend, and at random."""
-    forward = np.diff(seen.places_mm[-_END_POINTS:], axis=0)
-    headings_rad = np.arctan2(*forward.T)
-    side = math.copysign(1.0, headings_rad[-1] - headings_rad[0])
-    along_mm, across_mm = noise.normal(
-        (mean_mm[0], side * mean_mm[1]), (errors.along_sd_mm, errors.across_sd_mm)
-    )
-    sine, cosine = math.sin(headings_rad[-1]), math.cos(headings_rad[-1])
-    y, z = seen.places_mm[-1]
-    return float(y + along_mm * sine + across_mm * cosine), float(z + along_mm * cosine - across_mm * sine)
+def _step_off(y: float, z: float, heading_rad: float, along_mm: float, across_mm: float) -> Point:
+    """Return the place (y, z) so far along a heading, and to its left."""
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    return y + along_mm * sine + across_mm * cosine, z + along_mm * cosine - across_mm * sine
 
 
 @dataclass
@@ -269,7 +248,7 @@ class WorldSight(Sight):
 
     def __post_init__(self) -> None:
         factor = self.plane.mm_per_px / FITTED_MM_PER_PX
-        self.errors, self.shaft_errors = SightingErrors().scale(factor), SHAFT_ERRORS.scale(factor)
+        self.errors, self.shaft_errors = _scale(SightingErrors(), factor), _scale(SHAFT_ERRORS, factor)
         self._scatter, self._arc_mm = self.noise.standard_normal(2), 0.0
         self._perspective = Perspective.of(self.plane)
 
@@ -299,18 +278,14 @@ class WorldSight(Sight):
         if found < (errors.hidden_share if node.arc_mm < errors.hidden_mm else errors.missed_share):
             return None
         seen_mm, pixels = self._read(np.array([(node.x_mm, node.y_mm, node.z_mm)]))
-        if not self._shows(*pixels[0].tolist()):
+        if self.plane.image_size is not None and not is_off_rim(*pixels[0].tolist(), self.plane.image_size):
             return None
         turn_rad, side = node.heading_rad - before.heading_rad, -math.cos(base_rad)
         along_mm = errors.along_mm + errors.along_sd_mm * along
         along_mm += errors.rim_mm * float(square_distances(seen_mm, self._perspective)[0])
         across_mm = errors.across_mm + errors.across_sd_mm * across
         across_mm += errors.side_mm * side - errors.turn_mm * turn_rad
-        sine, cosine = math.sin(node.heading_rad), math.cos(node.heading_rad)
-        y, z = seen_mm[0].tolist()
-        return np.array(
-            (0.0, y + along_mm * sine + across_mm * cosine, z + along_mm * cosine - across_mm * sine)
-        )
+        return np.array((0.0, *_step_off(*seen_mm[0].tolist(), node.heading_rad, along_mm, across_mm)))
 
     def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
         """Return the pose of the sheath, as measured in a picture."""
@@ -348,10 +323,8 @@ class WorldSight(Sight):
         points_mm = np.empty((0, 3)) if looked.glance is None else looked.glance.points_mm()
         if len(points_mm) < _END_POINTS:
             raise MeasurementRefusedError("the needle is inside its sheath", "insert it further")
-        seen = SeenPath.of(*self.locate(points_mm))
-        return draw_shaft(
-            seen, self.plane, diameter_mm, looked.since_turn_mm, self.noise, errors=self.shaft_errors
-        )
+        seen, since_mm = self.locate(points_mm), looked.since_turn_mm
+        return draw_shaft(seen, self.plane, diameter_mm, since_mm, self.noise, errors=self.shaft_errors)
 
     def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:  # noqa: ARG002
         """Return the radius that the hole has; how well it is read off is not drawn."""
@@ -398,10 +371,6 @@ class WorldSight(Sight):
             return points_mm[:, 1:], self.plane.to_px(points_mm[:, 1:])
         pixels = plane_to_pixels(see_points(points_mm, self.lens)[0], self.lens)
         return self.plane.to_mm(pixels), pixels
-
-    def _shows(self, u: float, v: float) -> bool:
-        """Return whether a tip at a pixel is far enough from the rim of the picture to be found."""
-        return self.plane.image_size is None or is_off_rim(u, v, self.plane.image_size)
 
     def _scatter_on(self, arc_mm: float, drawn: FloatArray) -> FloatArray:
         """Return what scatters at a length of the path, (2,): an Ornstein-Uhlenbeck process, and noise beside it."""

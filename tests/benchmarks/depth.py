@@ -22,7 +22,7 @@ import numpy as np
 
 from labrig.devices.rig_file import load_rig
 from labrig.errors import MeasurementRefusedError
-from labrig.runner.virtual_sight import SHAFT_ERRORS, SeenPath, draw_shaft, locate_points
+from labrig.runner.virtual_sight import SHAFT_ERRORS, draw_shaft, locate_points
 from labrig.simulation.world import World
 from labrig.steering.out_of_plane import OutOfPlaneSettings, covary_out_of_plane
 from labrig.steering.torsion import RolledStretch, TorsionalLag
@@ -114,7 +114,7 @@ def _measure(row: tuple[float, float, float], drawn: bool, seed: int) -> Outcome
 
 def _draw_shaft(world: World, seed: int) -> ShaftTip:
     truth: Any = world.truth()
-    seen = SeenPath.of(*locate_points(np.array(truth["path_mm"]), world.description.lens, load_plane()))
+    seen = locate_points(np.array(truth["path_mm"]), world.description.lens, load_plane())
     return draw_shaft(seen, load_plane(), DIAMETER_MM, math.inf, np.random.default_rng([seed, 10]))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from labrig.devices.rig_file import load_rig
 from labrig.runner.sight import load_plane_map
-from labrig.runner.virtual_sight import SHAFT_ERRORS, SeenPath, locate_points, square_distances
+from labrig.runner.virtual_sight import SHAFT_ERRORS, locate_points, measure_arcs, square_distances
 from labrig.simulation.description import LensDescription
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
@@ -51,11 +51,12 @@ class ShaftResiduals:
 def compare_shaft(end: ShaftTip, path_mm: Sequence[Sequence[float]], lens: LensDescription) -> ShaftResiduals:
     """Return by how much a measured shaft is off the needle that a picture was drawn of."""
     plane = load_plane()
-    seen = SeenPath.of(*locate_points(np.array(path_mm), lens, plane))
+    places_mm, seen_scales = locate_points(np.array(path_mm), lens, plane)
+    seen_arcs_mm = measure_arcs(places_mm)
     usual_mm = float(np.median(end.widths_mm))
     counts = (end.arc_mm >= _FROM_MM) & (end.arc_mm < end.length_mm - _BEVEL * usual_mm)
     arcs_mm = end.arc_mm[counts]
-    scales = np.interp(arcs_mm * (seen.length_mm / end.length_mm), seen.arcs_mm, seen.scales)
+    scales = np.interp(arcs_mm * (seen_arcs_mm[-1] / end.length_mm), seen_arcs_mm, seen_scales)
     ratios = end.widths_mm[counts] / scales
     squares = square_distances(end.centre_line_mm[counts], Perspective.of(plane))
     rim, level = np.polyfit(squares, ratios, 1)
@@ -69,7 +70,7 @@ def compare_shaft(end: ShaftTip, path_mm: Sequence[Sequence[float]], lens: LensD
         float(arcs_mm[-1] - arcs_mm[0]),
         float(np.polyfit(arcs_mm / end.length_mm, rough, 1)[0]),
         float(rim / level),
-        end.length_mm - seen.length_mm,
+        float(end.length_mm - seen_arcs_mm[-1]),
     )
 
 

@@ -44,13 +44,12 @@ _OTHER_KINDS = {
 class Sample(Model):
     """Points drawn in a range of each key, the same for every arm."""
 
-    method: Literal["latin-hypercube", "sobol"] = Field(
-        description="How the points fill the ranges; sobol takes a power of two."
-    )
-    n: int = Field(ge=1, le=1_000_000, description="Number of points.")
-    keys: dict[Key, Range] = Field(
-        min_length=1, description="Dotted key -> [lowest, highest]; rig.* is of the rig."
-    )
+    method: Literal["latin-hypercube", "sobol"]
+    """How the points fill the ranges; sobol takes a power of two."""
+    n: int = Field(ge=1, le=1_000_000)
+    """Number of points."""
+    keys: dict[Key, Range] = Field(min_length=1)
+    """Dotted key -> [lowest, highest]; rig.* is of the rig."""
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield empty ranges, and a number of points that leaves gaps in a Sobol sequence."""
@@ -65,8 +64,10 @@ class Sample(Model):
 class StopWhen(Model):
     """The end of a campaign, fixed beforehand: the mean of every arm is known well enough."""
 
-    ci95_width_mm: PositiveMm = Field(description="Width of the 95 % interval of each arm's mean [mm].")
-    at_most: int = Field(ge=1, le=MOST_TASKS, description="Number of repetitions, even if it is wider.")
+    ci95_width_mm: PositiveMm
+    """Width of the 95 % interval of each arm's mean [mm]."""
+    at_most: int = Field(ge=1, le=MOST_TASKS)
+    """Number of repetitions, even if it is wider."""
 
 
 class CampaignFile(Model):
@@ -76,44 +77,37 @@ class CampaignFile(Model):
     each point of `sample`. All arms have the same seeds, so that differences between arms are not those of their draws.
     """
 
-    schema_version: Literal[1] = Field(
-        1, description="Version of this file format; a higher one needs a newer labrig."
-    )
-    campaign: FolderName = Field(description="Name of the campaign, and of the folder of its table.")
-    title: Line = Field("", description="Heading of the report.")
-    base: FileName = Field(description="Protocol that is repeated; relative to this file.")
-    rig: FileName | None = Field(
-        None, description="Rig file, relative to this file; it must be simulated. null: as for labrig run."
-    )
-    depth: Literal["world", "rig"] = Field(
-        "world",
-        description="world: the experiment against the simulated world, without pictures. rig: a whole simulated "
-        "rig, with camera, bus and record.",
-    )
-    set: dict[Key, Any] = Field(
-        default_factory=dict, description="Dotted key -> value in every arm; rig.* is of the rig."
-    )
-    arms: dict[Name, dict[Key, Any]] = Field(
-        default_factory=dict, description="Name -> dotted keys and values of an arm."
-    )
-    vary: dict[Key, Values] = Field(
-        default_factory=dict, description="Dotted key -> values, one in each arm."
-    )
-    sample: Sample | None = Field(None, description="Points that are drawn in ranges of keys; null: none.")
-    repetitions: int = Field(
-        1,
-        ge=1,
-        le=MOST_TASKS,
-        description="Repetitions of each arm, at each point; with stop_when, the least.",
-    )
-    stop_when: StopWhen | None = Field(None, description="When to stop earlier; null: after all repetitions.")
-    seed: Seed = Field(description="Seed of the points, and of the seeds of all repetitions.")
-    measure: Line | None = Field(
-        None, description="Quantity whose mean is compared; null: that by which the experiment is judged."
-    )
-    tolerance: float | None = Field(
-        None, ge=0, description="Largest value of that quantity that counts as reached; null: the protocol's."
-    )
+    schema_version: Literal[1] = 1
+    """Version of this file format; a higher one needs a newer labrig."""
+    campaign: FolderName
+    """Name of the campaign, and of the folder of its table."""
+    title: Line = ""
+    """Heading of the report."""
+    base: FileName
+    """Protocol that is repeated; relative to this file."""
+    rig: FileName | None = None
+    """Rig file, relative to this file; it must be simulated. null: as for labrig run."""
+    depth: Literal["world", "rig"] = "world"
+    """world: the experiment against the simulated world, without pictures. rig: a whole simulated rig, with
+    camera, bus and record."""
+    set: dict[Key, Any] = Field(default_factory=dict)
+    """Dotted key -> value in every arm; rig.* is of the rig."""
+    arms: dict[Name, dict[Key, Any]] = Field(default_factory=dict)
+    """Name -> dotted keys and values of an arm."""
+    vary: dict[Key, Values] = Field(default_factory=dict)
+    """Dotted key -> values, one in each arm."""
+    sample: Sample | None = None
+    """Points that are drawn in ranges of keys; null: none."""
+    repetitions: int = Field(1, ge=1, le=MOST_TASKS)
+    """Repetitions of each arm, at each point; with stop_when, the least."""
+    stop_when: StopWhen | None = None
+    """When to stop earlier; null: after all repetitions."""
+    seed: Seed
+    """Seed of the points, and of the seeds of all repetitions."""
+    measure: Line | None = None
+    """Quantity whose mean is compared; null: that by which the experiment is judged."""
+    tolerance: float | None = Field(None, ge=0)
+    """Largest value of that quantity that counts as reached; null: the protocol's."""
 
     @property
     def most_repetitions(self) -> int:
@@ -126,14 +120,9 @@ class CampaignFile(Model):
         return 1 if self.sample is None else self.sample.n
 
     @property
-    def arm_count(self) -> int:
-        """The number of arms."""
-        return max(1, len(self.arms)) * math.prod(map(len, self.vary.values()))
-
-    @property
     def round_tasks(self) -> int:
         """The number of tasks of one repetition of all arms at all points."""
-        return self.arm_count * self.points
+        return self.points * max(1, len(self.arms)) * math.prod(map(len, self.vary.values()))
 
     @property
     def looks(self) -> tuple[int, ...]:
@@ -162,8 +151,8 @@ class CampaignFile(Model):
         for key, values in self.vary.items():
             if len(set(map(show_value, values))) < len(values):
                 yield Conflict(f"vary.{key}", f"{key} has a value more than once", "give each once")
-        if self.arm_count > MOST_ARMS:
-            message = f"these are {self.arm_count} arms, at most {MOST_ARMS} are possible"
+        if (arms := self.round_tasks // self.points) > MOST_ARMS:
+            message = f"these are {arms} arms, at most {MOST_ARMS} are possible"
             yield Conflict("vary", message, "draw points with sample: instead of a grid")
         elif (tasks := self.round_tasks * self.most_repetitions) > MOST_TASKS:
             message = f"these are {tasks} tasks, at most {MOST_TASKS} are possible"

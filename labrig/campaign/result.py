@@ -85,7 +85,7 @@ def make_result(
         rig=None if loaded.rig is None else str(loaded.rig),
         experiment=loaded.arms[0].protocol.experiment,
         depth=campaign.depth,
-        measure=by.measure,
+        measure=by.quantity,
         tolerance=by.tolerance,
         tasks=loaded.count,
         done=len(table),
@@ -100,7 +100,7 @@ def make_result(
 
 def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase, ...]:
     """Return the tasks with the largest values, those without any first."""
-    measure, sound = loaded.by.measure, table[table["error"].isna()]
+    measure, sound = loaded.by.quantity, table[table["error"].isna()]
     if measure not in table.columns:
         return ()
     ordered = sound.sort_values([measure, "task"], ascending=[False, True], na_position="first")

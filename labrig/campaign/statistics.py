@@ -7,7 +7,7 @@ same seed and point (common random numbers); with several arms their intervals h
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
 
 import numpy as np
@@ -20,6 +20,7 @@ from labrig.analysis.statistics import Spread, compute_spread
 from labrig.campaign.campaign_file import CampaignFile
 from labrig.errors import InputError
 from labrig.protocol.model import Model
+from labrig.protocol.sections import Criterion
 
 Interval = tuple[float, float]
 FloatArray = NDArray[np.float64]
@@ -63,32 +64,25 @@ class PairResult(Model):
     b: str
     n: int
     mean: float | None
+    sd: float | None
     ci95: Interval | None
     pairs: int
     share: float | None
     share_ci95: Interval | None
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """By what tasks are judged: a column of the table, and its largest value that counts as reached, None without."""
-
-    measure: str
-    tolerance: float | None
-
-
-def require_measure(by: Judgement, quantities: Sequence[str]) -> None:
+def require_measure(by: Criterion, quantities: Sequence[str]) -> None:
     """Refuse a measure that is none of the quantities that tasks have as numbers. Raises `InputError`, lists them."""
-    if by.measure not in quantities:
-        near = get_close_matches(by.measure, quantities, 1)
+    if by.quantity not in quantities:
+        near = get_close_matches(by.quantity, quantities, 1)
         meant = f"did you mean {near[0]}? " if near else ""
         raise InputError(
-            f"measure: the tasks have no number {by.measure!r}",
+            f"measure: the tasks have no number {by.quantity!r}",
             f"{meant}name one of: {', '.join(quantities)}",
         )
 
 
-def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by: Judgement) -> ArmResult:
+def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by: Criterion) -> ArmResult:
     """Return what came of an arm.
 
     Parameters
@@ -97,7 +91,7 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
         The rows of the arm.
     """
     sound = table[table["error"].isna()]
-    values = read_values(sound, by.measure)
+    values = read_values(sound, by.quantity)
     known = values[~np.isnan(values)]
     spread = _spread_values(known.tolist(), by)
     reached = None if by.tolerance is None else int((known <= by.tolerance).sum())
@@ -106,10 +100,7 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
         settings=dict(settings),
         tasks=len(table),
         failed=len(table) - len(sound),
-        n=spread.n,
-        mean=spread.mean,
-        ci95=spread.ci95,
-        sd=spread.sd,
+        **vars(spread),
         median=float(np.median(known)) if len(known) else None,
         q90=float(np.quantile(known, 0.9)) if len(known) >= _LEAST_FOR_QUANTILE else None,
         within_tolerance=reached,
@@ -119,10 +110,10 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
     )
 
 
-def _spread_values(values: Sequence[float], by: Judgement) -> Spread:
+def _spread_values(values: Sequence[float], by: Criterion) -> Spread:
     """Return the spread of values; the interval of a mean distance ends at 0, though Student's goes on."""
     spread = compute_spread(values)
-    if spread.ci95 is None or not by.measure.endswith("error_mm") or min(values) < 0.0:
+    if spread.ci95 is None or not by.quantity.endswith("error_mm") or min(values) < 0.0:
         return spread
     return replace(spread, ci95=(max(0.0, spread.ci95[0]), spread.ci95[1]))
 
@@ -148,14 +139,14 @@ def read_values(table: pd.DataFrame, measure: str) -> FloatArray:
     return pd.to_numeric(table[measure], errors="coerce").to_numpy(np.float64, na_value=np.nan)
 
 
-def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Judgement) -> tuple[PairResult, ...]:
+def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Criterion) -> tuple[PairResult, ...]:
     """Return the difference of each further arm from the first one."""
     first, *others = names
     return tuple(_compare(table, first, other, by, len(others)) for other in others)
 
 
-def _compare(table: pd.DataFrame, a: str, b: str, by: Judgement, pairs: int) -> PairResult:
-    sound = table[table["error"].isna()].assign(value=lambda rows: read_values(rows, by.measure))
+def _compare(table: pd.DataFrame, a: str, b: str, by: Criterion, pairs: int) -> PairResult:
+    sound = table[table["error"].isna()].assign(value=lambda rows: read_values(rows, by.quantity))
     both = sound[sound["arm"] == a].merge(
         sound[sound["arm"] == b], on=["repetition", "point"], suffixes=("_a", "_b")
     )
@@ -163,16 +154,7 @@ def _compare(table: pd.DataFrame, a: str, b: str, by: Judgement, pairs: int) -> 
     differences = values[:, 1] - values[:, 0]
     spread = compute_spread(differences[~np.isnan(differences)].tolist(), pairs)
     share, share_ci95 = _compare_shares(values, by.tolerance, pairs)
-    return PairResult(
-        a=a,
-        b=b,
-        n=spread.n,
-        mean=spread.mean,
-        ci95=spread.ci95,
-        pairs=len(values),
-        share=share,
-        share_ci95=share_ci95,
-    )
+    return PairResult(a=a, b=b, **vars(spread), pairs=len(values), share=share, share_ci95=share_ci95)
 
 
 def _compare_shares(
@@ -191,7 +173,7 @@ def _compare_shares(
     return share, (max(-1.0, centre - half), min(1.0, centre + half)) if len(values) > 1 else None
 
 
-def ends_by_rule(file: CampaignFile, by: Judgement, rows: Sequence[Mapping[str, object]]) -> bool:
+def ends_by_rule(file: CampaignFile, by: Criterion, rows: Sequence[Mapping[str, object]]) -> bool:
     """Return whether a campaign ends with these rows: the interval of every arm's mean is narrow enough.
 
     The rule (Chow and Robbins 1965) looks after whole repetitions alone, so that the same rows end it at the same
@@ -202,7 +184,7 @@ def ends_by_rule(file: CampaignFile, by: Judgement, rows: Sequence[Mapping[str, 
         return False
     arms: dict[object, list[float]] = {row["arm"]: [] for row in rows}
     for row in rows:
-        value = row.get(by.measure)
+        value = row.get(by.quantity)
         if row.get("error") is None and isinstance(value, int | float):
             arms[row["arm"]].append(value)
     intervals = [_spread_values(values, by).ci95 for values in arms.values()]

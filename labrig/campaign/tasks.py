@@ -17,7 +17,6 @@ from scipy.stats import qmc
 from labrig.analysis.engine import describe_installation
 from labrig.analysis.experiment import TaskOutcome
 from labrig.campaign.campaign_file import CampaignFile, load_campaign_file, show_value
-from labrig.campaign.statistics import Judgement
 from labrig.campaign.whole_run import run_whole
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import FileFormatError, InputError, LabrigError, Problem, WorkersError
@@ -26,7 +25,7 @@ from labrig.experiments.registry import find_experiment
 from labrig.library.names import find_rig_file
 from labrig.library.sources import fit_rig, load_rig_for, split_overrides
 from labrig.protocol.load import load_protocol
-from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.sections import Criterion, ExperimentProtocol
 from labrig.protocol.yaml_file import SET, validate_values
 from labrig.record.layout import hash_file
 from labrig.runner.dry_run import simulate
@@ -78,7 +77,7 @@ class LoadedCampaign:
         Protocol and rig file as seen from the working folder; no rig for an experiment that moves none.
     arms : tuple of Arm
         The last key of `vary` changes fastest.
-    by : Judgement
+    by : Criterion
         By what its tasks are judged.
     """
 
@@ -86,7 +85,7 @@ class LoadedCampaign:
     base: Path
     rig: Path | None
     arms: tuple[Arm, ...]
-    by: Judgement
+    by: Criterion
 
     @property
     def count(self) -> int:
@@ -131,7 +130,7 @@ class LoadedCampaign:
         more repetitions.
         """
         rule = self.file.stop_when
-        looked_at = {"repetitions": self.file.repetitions, "measure": self.by.measure}
+        looked_at = {"repetitions": self.file.repetitions, "measure": self.by.quantity}
         free = {"title", "tolerance", "base", "rig", "stop_when", *looked_at}
         models = [
             [None if model is None else model.model_dump(mode="json") for model in (arm.protocol, arm.rig)]
@@ -186,7 +185,7 @@ def load_campaign(
             where = f"{path}, arm {name}:"
             told = (replace(each, where=each.where.replace(str(SET), where)) for each in error.problems)
             raise FileFormatError(tuple(told)) from error
-        progress(len(arms) / file.arm_count)
+        progress(len(arms) * file.points / file.round_tasks)
     first = arms[0].protocol
     if file.depth == "world" and find_experiment(first.experiment).find_part("tell_values") is None:
         raise InputError(
@@ -199,10 +198,8 @@ def load_campaign(
             f"{path}: nothing says by what the experiment {first.experiment} is judged",
             "add measure: NAME, a quantity of its result",
         )
-    if own is None or file.measure not in {None, own.quantity}:
-        by = Judgement(str(file.measure), file.tolerance)
-    else:
-        by = Judgement(own.quantity, own.tolerance if file.tolerance is None else file.tolerance)
+    by = own if own is not None and file.measure in {None, own.quantity} else Criterion(str(file.measure))
+    by = by if file.tolerance is None else replace(by, tolerance=file.tolerance)
     named = None if arms[0].rig is None else find_rig_file(rig, base)
     return LoadedCampaign(file, base, named, tuple(arms), by)
 

@@ -1,7 +1,6 @@
 """Figure 3 on our own contour: rotations on a grid of clearance and inclination, the fitted plane, and a design."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy as np
 from labrig.errors import AnswerIsNoError
 from labrig.needle.equations import EQUATION_3, RotationPlane, rotation_for_radius_deg
 from labrig.needle.hinge import Hinge, widest_clearance_mm
-from labrig.needle.rotation_search import DEFAULT_SEED, HingeRotation, search_rotations
+from labrig.needle.rotation_search import DEFAULT_SEED, GridPoint, search_rotations
 from labrig.protocol.design_file import Tube
 
 GRID_POINTS = 7
@@ -22,21 +21,6 @@ _CLOSE_ENOUGH_DEG = 0.005
 _SMALLER = "ask for a smaller radius, or cut with a smaller clearance"
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class GridPoint:
-    """A point of the grid: clearance, inclination, and the rotations of both hinges."""
-
-    clearance_mm: float
-    beta_cut_deg: float
-    beta_a_deg: float
-    beta_b_deg: float
-
-    @property
-    def beta_rot_deg(self) -> float:
-        """Equation (2)."""
-        return self.beta_a_deg + self.beta_b_deg
 
 
 def design_by_equations(tube: Tube, radius_mm: float, clearance_mm: float) -> Hinge:
@@ -68,7 +52,7 @@ def make_hinge_grid(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) 
 
 def search_grid(
     hinges: Sequence[Hinge],
-    do: Callable[[Callable[[Hinge], HingeRotation], Sequence[Hinge]], Iterable[HingeRotation]] = map,
+    do: Callable[[Callable[[Hinge], GridPoint], Sequence[Hinge]], Iterable[GridPoint]] = map,
     progress: Progress | None = None,
     seed: int = DEFAULT_SEED,
 ) -> tuple[GridPoint, ...]:
@@ -84,14 +68,9 @@ def search_grid(
     seed : int
         Of every search.
     """
-    cells = []
-    found = do(partial(search_rotations, seed=seed), hinges)
-    for hinge, both in zip(hinges, found, strict=True):
-        cells.append(
-            GridPoint(
-                hinge.clearance_mm, hinge.beta_cut_deg, both.hinge_a.rotation_deg, both.hinge_b.rotation_deg
-            )
-        )
+    cells: list[GridPoint] = []
+    for cell in do(partial(search_rotations, seed=seed), hinges):
+        cells.append(cell)
         if progress is not None:
             progress(len(cells), len(hinges))
     return tuple(cells)
@@ -106,17 +85,9 @@ def fit_plane(cells: Sequence[GridPoint]) -> RotationPlane:
     return RotationPlane(float(a), float(b), float(c), rmse_deg=float(np.sqrt(np.mean(left_deg**2))))
 
 
-@dataclass(frozen=True)
-class SearchedDesign:
-    """A hinge whose searched rotations give the requested radius."""
-
-    hinge: Hinge
-    rotation: HingeRotation
-
-
 def search_design(
     tube: Tube, radius_mm: float, clearance_mm: float, plane: RotationPlane, seed: int = DEFAULT_SEED
-) -> SearchedDesign:
+) -> GridPoint:
     """Find the inclination at which the searched hinges give a radius, starting from the fitted plane.
 
     Parameters
@@ -135,11 +106,10 @@ def search_design(
     # The plane is not exact: only a search of that hinge shows whether the clearance alone is too much.
     beta_cut_deg = max((wanted_deg - plane.beta_rot_deg(0.0, clearance_mm)) / plane.a, 0.0)
     for _ in range(_STEPS):
-        hinge = Hinge(tube, clearance_mm, beta_cut_deg)
-        found = search_rotations(hinge, seed)
+        found = search_rotations(Hinge(tube, clearance_mm, beta_cut_deg), seed)
         missing_deg = wanted_deg - found.beta_rot_deg
         if abs(missing_deg) < _CLOSE_ENOUGH_DEG:
-            return SearchedDesign(hinge, found)
+            return found
         if beta_cut_deg == 0.0 and missing_deg < 0.0:
             raise AnswerIsNoError(
                 f"no inclination gives {wanted_deg:.4g} degrees: a clearance of {clearance_mm:g} mm alone allows "

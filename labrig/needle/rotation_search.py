@@ -39,23 +39,24 @@ class FreeRotation:
 
 
 @dataclass(frozen=True)
-class HingeRotation:
-    """Rotations of both hinges of a pair in the plane of bending."""
+class GridPoint:
+    """A hinge, by clearance and inclination, and the rotations of both hinges of a pair in the plane of bending."""
 
-    hinge_a: FreeRotation
-    hinge_b: FreeRotation
+    clearance_mm: float
+    beta_cut_deg: float
+    beta_a_deg: float
+    beta_b_deg: float
 
     @property
     def beta_rot_deg(self) -> float:
         """Equation (2): beta_rot = beta_a + beta_b."""
-        return self.hinge_a.rotation_deg + self.hinge_b.rotation_deg
+        return self.beta_a_deg + self.beta_b_deg
 
 
-def search_rotations(hinge: Hinge, seed: int = DEFAULT_SEED) -> HingeRotation:
+def search_rotations(hinge: Hinge, seed: int = DEFAULT_SEED) -> GridPoint:
     """Search the rotations that two adjacent, orthogonal hinges allow in the plane of bending."""
-    return HingeRotation(
-        search_largest_rotation(hinge.hinge_a(), seed), search_largest_rotation(hinge.hinge_b(), seed)
-    )
+    a, b = (search_largest_rotation(view, seed) for view in (hinge.hinge_a(), hinge.hinge_b()))
+    return GridPoint(hinge.clearance_mm, hinge.beta_cut_deg, a.rotation_deg, b.rotation_deg)
 
 
 def search_largest_rotation(view: HingeView, seed: int = DEFAULT_SEED) -> FreeRotation:

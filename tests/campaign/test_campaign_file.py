@@ -52,7 +52,7 @@ def test_a_protocol_or_a_rig_file_is_named_as_such() -> None:
 def test_the_largest_grid_is_taken(tmp_path: Path) -> None:
     """Up to the limit."""
     path = write_campaign(tmp_path, vary={"policy.near_mm": list(range(MOST_ARMS))})
-    assert load_campaign_file(path).arm_count == MOST_ARMS
+    assert load_campaign_file(path).round_tasks == MOST_ARMS
 
 
 @pytest.mark.parametrize(
@@ -115,11 +115,11 @@ def test_an_experiment_without_a_virtual_form_needs_whole_runs(tmp_path: Path) -
 def test_the_measure_is_that_of_the_experiment_unless_the_campaign_names_another(tmp_path: Path) -> None:
     """With the tolerance of the protocol, which the campaign may replace; another measure has none by itself."""
     own = load(write_campaign(tmp_path)).by
-    assert (own.measure, own.tolerance) == ("true_target_error_mm", 2.0)
+    assert (own.quantity, own.tolerance) == ("true_target_error_mm", 2.0)
     stricter = load(write_campaign(tmp_path, tolerance=0.5)).by
-    assert (stricter.measure, stricter.tolerance) == ("true_target_error_mm", 0.5)
+    assert (stricter.quantity, stricter.tolerance) == ("true_target_error_mm", 0.5)
     other = load(write_campaign(tmp_path, measure="replans")).by
-    assert (other.measure, other.tolerance) == ("replans", None)
+    assert (other.quantity, other.tolerance) == ("replans", None)
 
 
 def test_the_committed_schema_is_the_models() -> None:
@@ -133,4 +133,4 @@ def test_every_example_can_be_computed(path: Path) -> None:
     """All of its arms fit their protocol and rig, and its name is that of its file."""
     loaded = load(path, None)
     assert f"campaign-{loaded.file.campaign}" == path.stem
-    assert loaded.by.measure
+    assert loaded.by.quantity

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from labrig.campaign.campaign_file import CampaignFile
-from labrig.campaign.statistics import Judgement, bound_share, compare_arms, ends_by_rule, judge_arm
+from labrig.campaign.statistics import bound_share, compare_arms, ends_by_rule, judge_arm
+from labrig.protocol.sections import Criterion
 
-BY = Judgement("error_mm", 2.0)
+BY = Criterion("error_mm", 2.0)
 
 
 def table(values: "dict[str, list[float | None]]", failed: int = 0) -> pd.DataFrame:

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from labrig.analysis.engine import open_process_pool, run_in_order
 from labrig.campaign.campaign_file import CampaignFile, needs_pictures
-from labrig.campaign.statistics import Judgement
 from labrig.campaign.tasks import Arm, LoadedCampaign, compute_task, list_arms, make_models, write_overrides
 from labrig.errors import WorkersError
+from labrig.protocol.sections import Criterion
 from tests.campaign.campaigns import RIGS, load, write_campaign
 
 
@@ -25,7 +25,7 @@ def campaign(**keys: object) -> LoadedCampaign:
     """Return a campaign with these keys, whose arms have neither protocol nor rig."""
     file = CampaignFile.model_validate({"campaign": "c", "base": "p.yaml", "seed": 5, **keys})
     arms = tuple(Arm(name, values, cast("Any", None), None, {}) for name, values in list_arms(file).items())
-    return LoadedCampaign(file, Path("p.yaml"), None, arms, Judgement("error_mm", None))
+    return LoadedCampaign(file, Path("p.yaml"), None, arms, Criterion("error_mm", None))
 
 
 def test_arms_are_the_product_of_named_arms_and_varied_values() -> None:

@@ -5,9 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from labrig.errors import AnswerIsNoError, InputError
-from labrig.needle.design_search import GridPoint, fit_plane, make_hinge_grid, search_design, search_grid
+from labrig.needle.design_search import fit_plane, make_hinge_grid, search_design, search_grid
 from labrig.needle.equations import EQUATION_3, RotationPlane
-from labrig.needle.rotation_search import search_rotations
+from labrig.needle.hinge import Hinge
+from labrig.needle.rotation_search import GridPoint, search_rotations
 from labrig.protocol.design_file import PAPER_TUBE
 
 
@@ -66,8 +67,8 @@ def test_our_contour_has_the_form_of_equation_3_but_not_its_slope_with_clearance
 def test_a_searched_design_turns_as_asked(cells: tuple[GridPoint, ...]) -> None:
     """The hinge that is found gives the radius that was asked for."""
     found = search_design(PAPER_TUBE, 30.0, 0.025, fit_plane(cells))
-    assert found.rotation.beta_rot_deg == pytest.approx(11.459, abs=0.005)
-    assert found.rotation == search_rotations(found.hinge)
+    assert found.beta_rot_deg == pytest.approx(11.459, abs=0.005)
+    assert found == search_rotations(Hinge(PAPER_TUBE, 0.025, found.beta_cut_deg))
 
 
 def test_a_radius_that_needs_no_inclination_is_a_no() -> None:

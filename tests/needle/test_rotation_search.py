@@ -63,8 +63,8 @@ def test_rotation_grows_with_clearance_and_inclination() -> None:
     narrow, middle, wide = (search_rotations(Hinge(PAPER_TUBE, d, 4.0)) for d in (0.005, 0.025, 0.06))
     straight, steep = (search_rotations(Hinge(PAPER_TUBE, 0.025, cut)) for cut in (0.0, 12.0))
     for found in ((narrow, middle, wide), (straight, middle, steep)):
-        assert all(np.diff([rotation.hinge_a.rotation_deg for rotation in found]) > 0.005)
-        assert all(np.diff([rotation.hinge_b.rotation_deg for rotation in found]) > 0.005)
+        assert all(np.diff([rotation.beta_a_deg for rotation in found]) > 0.005)
+        assert all(np.diff([rotation.beta_b_deg for rotation in found]) > 0.005)
 
 
 @pytest.mark.parametrize("beta_cut_deg", [1.0, 4.0, 8.0])
@@ -72,8 +72,8 @@ def test_without_clearance_hinge_a_turns_by_the_inclination(beta_cut_deg: float)
     """As d goes to zero, hinge a turns by beta_cut and hinge b not at all."""
     finest = search_rotations(Hinge(PAPER_TUBE, 0.001, beta_cut_deg))
     finer = search_rotations(Hinge(PAPER_TUBE, 0.002, beta_cut_deg))
-    limit_a_deg = 2 * finest.hinge_a.rotation_deg - finer.hinge_a.rotation_deg
-    limit_b_deg = 2 * finest.hinge_b.rotation_deg - finer.hinge_b.rotation_deg
+    limit_a_deg = 2 * finest.beta_a_deg - finer.beta_a_deg
+    limit_b_deg = 2 * finest.beta_b_deg - finer.beta_b_deg
     assert limit_a_deg == pytest.approx(beta_cut_deg, abs=0.01)
     assert limit_b_deg == pytest.approx(0.0, abs=0.005)
 

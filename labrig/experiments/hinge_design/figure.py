@@ -9,9 +9,9 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3, RotationPlane
 from labrig.needle.hinge import Hinge
+from labrig.needle.rotation_search import GridPoint
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
 
 # Okabe and Ito (2008).

@@ -3,8 +3,8 @@
 from typing import Literal
 
 from labrig.analysis.result import Result
-from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3, RadiusTolerance, RotationPlane
+from labrig.needle.rotation_search import GridPoint
 from labrig.needle.tube import TABLE_1
 from labrig.protocol.design_file import Basis, Tube
 from labrig.protocol.model import Model

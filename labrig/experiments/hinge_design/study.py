@@ -20,7 +20,6 @@ from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.result import DesignResult, DesignStudy, MeasuredAnswer, Searched
 from labrig.needle.design_search import (
     STEEPEST_CUT_DEG,
-    GridPoint,
     design_by_equations,
     fit_plane,
     make_hinge_grid,
@@ -36,6 +35,7 @@ from labrig.needle.equations import (
     rotation_for_radius_deg,
 )
 from labrig.needle.hinge import Hinge
+from labrig.needle.rotation_search import GridPoint
 from labrig.needle.tube import TABLE_1
 from labrig.protocol.design_file import NeedleDesign
 from labrig.record.json_lines import encode_document
@@ -242,14 +242,13 @@ def _search(protocol: DesignProtocol, plane: RotationPlane) -> Searched:
         found = search_design(protocol.tube, protocol.radius_mm, protocol.clearance_mm, plane, protocol.seed)
     except (AnswerIsNoError, InputError) as error:
         return Searched(fit=plane, reason=f"on our contour {error.message}")
-    rotation = found.rotation
     return Searched(
         fit=plane,
-        beta_cut_deg=found.hinge.beta_cut_deg,
-        inside_grid=found.hinge.beta_cut_deg <= STEEPEST_CUT_DEG,
-        beta_rot_deg=rotation.beta_rot_deg,
-        beta_a_deg=rotation.hinge_a.rotation_deg,
-        beta_b_deg=rotation.hinge_b.rotation_deg,
-        radius_mm=radius_mm(rotation.beta_rot_deg, protocol.tube.link_length_mm),
-        tolerance=_find_tolerance(protocol, plane, rotation.beta_rot_deg),
+        beta_cut_deg=found.beta_cut_deg,
+        inside_grid=found.beta_cut_deg <= STEEPEST_CUT_DEG,
+        beta_rot_deg=found.beta_rot_deg,
+        beta_a_deg=found.beta_a_deg,
+        beta_b_deg=found.beta_b_deg,
+        radius_mm=radius_mm(found.beta_rot_deg, protocol.tube.link_length_mm),
+        tolerance=_find_tolerance(protocol, plane, found.beta_rot_deg),
     )

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_section
-from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3
 from labrig.needle.hinge import Hinge
+from labrig.needle.rotation_search import GridPoint
 from labrig.protocol.design_file import PAPER_TUBE
 
 CELLS = tuple(

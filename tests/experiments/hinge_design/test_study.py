@@ -5,8 +5,8 @@ import pytest
 from labrig.errors import InputError
 from labrig.experiments.hinge_design.result import DesignStudy, Searched
 from labrig.experiments.hinge_design.study import encode_design_file, encode_hinge_table
-from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3, RadiusTolerance
+from labrig.needle.rotation_search import GridPoint
 from labrig.protocol.design_file import PAPER_TUBE
 
 CELLS = tuple(

@@ -16,7 +16,7 @@ from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.posix import is_in_background
 from labrig.runner.attendant import Attendant
-from labrig.runner.pausing import PauseRequests
+from labrig.runner.dialogue import PauseRequests
 from labrig.runner.run_control import RunControl
 
 _BY_KEY, _BY_COMMAND = "Ctrl+C", "labrig pause"

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from labrig.cli.pixel_page import PixelPage
 
 _KEYS: Mapping[str, tuple[Choice, str]] = {
-    "p": (Choice.PAUSE, "pause"),
     "r": (Choice.REPEAT, "repeat the last one"),
     "s": (Choice.SKIP, "skip this one"),
     "b": (Choice.MARK_BAD, "mark bad"),

@@ -285,7 +285,6 @@ def request_details(request: OperatorRequest, run: Path) -> dict[str, object]:
 class Choice(StrEnum):
     """What a person may choose instead of an answer."""
 
-    PAUSE = "pause"
     REPEAT = "repeat"
     SKIP = "skip"
     MARK_BAD = "mark_bad"

@@ -22,7 +22,7 @@ from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, close_interrupted_run, reopen_run
 from labrig.runner.attendant import Attendant
-from labrig.runner.conduct import Outcome, conduct_remainder
+from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import Experiment
 from labrig.runner.past import read_past
@@ -90,7 +90,7 @@ def resume_run(
         return Session(rig, rig.do_aside(reopen), progress)
 
     job = RigJob(recorded, description, plan.work, command_line)
-    ended = record_on_rig(job, attendant, begin, partial(conduct_remainder, experiment, recorded, past))
+    ended = record_on_rig(job, attendant, begin, partial(conduct, experiment, recorded, past=past))
     return finish(ended, experiment, command_line, attendant)
 
 

@@ -18,7 +18,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, create_under_free_name, opening_files
 from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import conduct_withdrawal
-from labrig.runner.needle_report import add_closing_failure, report_needle
+from labrig.runner.needle_report import report_needle
 from labrig.runner.session import Session
 from labrig.runner.whole_run import FinishedRun
 from labrig.runner.withdrawal import read_needle_path
@@ -71,7 +71,7 @@ def withdraw_needle(
     except MachineError as failure:
         if ended is None:
             raise
-        ended = replace(ended, outcome=add_closing_failure(ended.outcome, failure))
+        ended = replace(ended, outcome=ended.outcome.add(failure, "closing"))
     return ended
 
 

@@ -8,9 +8,10 @@ A procedure is written once. `dry_run` carries it out on a virtual rig, with axe
 pictures: the plan of `labrig check` and `labrig run` is what it did there, and so are a campaign's virtual runs.
 
 `conduct` switches power on and runs a procedure to an end that the record can state: success, failed (a trial, a device
-or the computer failed) or aborted (a person or a signal stopped it). The axes stop in every case. `conduct_remainder`
-continues an interrupted run with the same procedure. Draws of a simulated world come from seed and purpose, so the
-remainder is what it would have been. An experiment that moves nothing is recorded by `conduct_without_rig`.
+or the computer failed) or aborted (a person or a signal stopped it). The axes stop in every case. It continues an
+interrupted run with the same procedure, from what its record holds. Draws of a simulated world come from seed and
+purpose, so the remainder is what it would have been. An experiment that moves nothing is recorded by
+`conduct_without_rig`.
 
 `Session.trials` yields the trials that remain (`trials`): planned, less begun, plus those that are made again. One that
 finds nothing fails alone. A person may pause a run at its safe points: before and after each question, and at the end

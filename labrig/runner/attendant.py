@@ -10,7 +10,7 @@ from labrig.devices.operator import NO_OFFER, Offer, OperatorRequest
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError
-from labrig.runner.pausing import PauseRequests
+from labrig.runner.dialogue import PauseRequests
 from labrig.runner.session import Progress
 
 Interrupted: TypeAlias = Callable[[], str | None]

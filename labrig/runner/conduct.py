@@ -1,7 +1,8 @@
 """Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 from labrig.clock import Clock
 from labrig.devices.axis_positions import AxisPositions
@@ -16,10 +17,8 @@ from labrig.errors import (
     TargetMissedError,
     fault_of,
 )
-from labrig.protocol.conditions import Condition
 from labrig.protocol.sections import ExperimentProtocol, JudgedProtocol
 from labrig.record.events import INTERRUPTED, RunResume, RunStart, RunStop, TrialStop
-from labrig.record.layout import INCOMPLETE
 from labrig.record.sink import RecordSink
 from labrig.runner.experiment import Experiment
 from labrig.runner.session import Session
@@ -35,39 +34,46 @@ class Outcome:
     reason: str
     error: LabrigError | None
 
+    def add(self, failure: MachineError, when: str) -> Self:
+        """Return the outcome with what failed after the end; an earlier fault of the machine keeps its place."""
+        first, error = self.error, failure
+        if failure.message in self.reason:
+            return replace(self, error=first or failure)
+        added = f"; when {when}: {failure.message}"
+        if isinstance(first, MachineError):
+            error = first.reword(first.message + added)
+        return replace(self, reason=(self.reason + added).removeprefix("; "), error=error)
 
-def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Session) -> Outcome:
+    def fail(self, error: LabrigError) -> Self:
+        """Return the outcome of a run whose record cannot be written; an earlier error keeps its place."""
+        return replace(
+            self, exit_status="failed", reason=self.reason or error.message, error=self.error or error
+        )
+
+
+def conduct(
+    experiment: Experiment, protocol: ExperimentProtocol, session: Session, past: Past | None = None
+) -> Outcome:
     """Switch power on, run the procedure of an experiment; stop the axes and close the record however it ends.
 
-    An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
-    """
-    session.dialogue.conditions = _list_conditions(protocol)
-    return _conduct(session, RunStart(experiment=experiment.name), lambda: experiment.run(protocol, session))
-
-
-def _list_conditions(protocol: ExperimentProtocol) -> tuple[Condition, ...]:
-    return protocol.conditions if isinstance(protocol, JudgedProtocol) else ()
-
-
-def conduct_remainder(
-    experiment: Experiment, protocol: ExperimentProtocol, past: Past, session: Session
-) -> Outcome:
-    """Continue an interrupted run, as `conduct` does; the session's recorder has reopened its record.
-
-    Its interrupted trial is marked, and the needle taken out; nothing is homed or referenced before.
+    Of an interrupted run (`past`), whose record the session's recorder has reopened, the interrupted trial is marked,
+    and the needle taken out; nothing is homed or referenced before. An error that is not one of labrig's is a bug: the
+    axes stop, the record is closed as failed, and it is raised.
     """
     dialogue = session.dialogue
-    dialogue.past, dialogue.decisions = past, past.decisions
-    dialogue.conditions = _list_conditions(protocol)
-    dialogue.begun = list(past.begun)
-    dialogue.failed |= {
-        trial: TargetMissedError(why, reason=word) for trial, (word, why) in past.failed.items()
-    }
+    dialogue.conditions = protocol.conditions if isinstance(protocol, JudgedProtocol) else ()
+    if past is None:
+        beginning = RunStart(experiment=experiment.name)
+        return _conduct(session, beginning, lambda: experiment.run(protocol, session))
+    dialogue.past, dialogue.decisions, dialogue.begun = past, past.decisions, list(past.begun)
 
     def go_on() -> None:
         for trial in past.begun:
-            if trial.exit_status == INCOMPLETE:
-                session.record(TrialStop(trial=trial.number, exit_status=INTERRUPTED))
+            if trial.stop is None:
+                session.record(TrialStop(trial=trial.start.trial, exit_status=INTERRUPTED))
+            elif trial.exit_status == "failed":
+                reason = trial.stop.stop or "trial_failed"
+                dialogue.failed[trial.start.trial] = TargetMissedError(trial.stop.cause, reason=reason)
         take_needle_out(session, past.needle_path)
         experiment.run(protocol, session)
 
@@ -97,7 +103,7 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     try:
         session.rig.end()
     except MachineError as error:
-        outcome = _add_failed_stop(outcome, error)
+        outcome = replace(outcome.add(error, "stopping"), exit_status="failed")
     after = session.rig.snapshot()
     frames = session.rig.take_can_frames()
     clock, recorder, ended_s = session.rig.clock, session.recorder, session.rig.clock.now_s()
@@ -107,19 +113,10 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
         try:
             recorder.can_frames(frames)
         except DiskError as error:
-            ended = Outcome("failed", outcome.reason or error.message, outcome.error or error)
+            ended = outcome.fail(error)
         return _close(recorder, clock, ended_s, ended, devices_after=after)
 
     return session.rig.do_aside(close)
-
-
-def _add_failed_stop(outcome: Outcome, error: MachineError) -> Outcome:
-    """Return the outcome of a run whose axes may not have stopped; an earlier fault keeps its place."""
-    if isinstance(outcome.error, MachineError):
-        is_stated = error.message in outcome.reason
-        reason = outcome.reason if is_stated else f"{outcome.reason}; when stopping: {error.message}"
-        return Outcome("failed", reason, outcome.error)
-    return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
 
 
 def _close(
@@ -137,7 +134,7 @@ def _close(
     except BugError as error:
         return Outcome("failed", error.message, error)
     except DiskError as error:
-        return Outcome("failed", outcome.reason or error.message, outcome.error or error)
+        return outcome.fail(error)
     return outcome
 
 

@@ -7,10 +7,48 @@ from typing import Any
 from labrig.devices.operator import Choice, Offer, OperatorRequest
 from labrig.errors import AnswerIsNoError, Problem, TrialsFailedError
 from labrig.protocol.conditions import Condition
-from labrig.record.events import DECISIONS, ConditionMet, Decisions, Event, Move, TrialStart, TrialStop, Undo
-from labrig.runner.pausing import PauseRequests
-from labrig.runner.trials import NO_PAST, BegunTrial, Past, Trial
+from labrig.record.events import (
+    DECISIONS,
+    ConditionMet,
+    Decisions,
+    Event,
+    Move,
+    RecordedTrial,
+    TrialStart,
+    TrialStop,
+    Undo,
+)
+from labrig.runner.trials import NO_PAST, AnyTrial, Past, Trial
 from labrig.text import format_count
+
+BEFORE_QUESTION, AFTER_ANSWER, TRIAL_END = "before_question", "after_answer", "trial_end"
+"""The safe points that every run has, as the record names them."""
+
+
+class PauseRequests:
+    """Requests to pause a run, and to continue it; here nobody can ask.
+
+    A request comes from outside (Ctrl+C at the terminal, `labrig pause` in another one) and waits for the next safe
+    point. These are, without any code of the experiment: before each question, after its answer, and the end of each
+    trial. An experiment names further ones with `Session.reach_safe_point`.
+    """
+
+    def find(self, point: str) -> str | None:  # noqa: ARG002
+        """Return by what a pause at this safe point is asked for, such as `Ctrl+C`; None if by nothing."""
+        return None
+
+    def announce(self, when: str) -> None:
+        """Tell those who have asked for a pause since the last call when it will begin."""
+
+    def begin(self) -> None:
+        """Note that the axes hold: the requests so far are met."""
+
+    def find_continuation(self) -> str | None:
+        """Return by what the pause is to end, such as `labrig continue`; None if by nothing so far."""
+        return None
+
+    def end(self) -> None:
+        """Note that the run continues."""
 
 
 @dataclass
@@ -31,6 +69,8 @@ class Dialogue:
         The last trial that has ended in this session.
     attempt : Trial or None
         The trial that is about to be made, or is being made.
+    has_started : bool
+        Whether that trial has started.
     starts_itself : bool
         Whether its procedure records its start.
     can_repeat : callable
@@ -45,7 +85,7 @@ class Dialogue:
         What the procedure has said to whoever checks the protocol.
     past : Past
         What the record of an interrupted run holds.
-    begun : list of BegunTrial
+    begun : list of RecordedTrial
         The trials so far, those of earlier sessions too.
     planned : int
         How many trials the run has.
@@ -70,11 +110,11 @@ class Dialogue:
     notes: list[str] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
     past: Past = NO_PAST
-    begun: list[BegunTrial] = field(default_factory=list)
+    begun: list[AnyTrial] = field(default_factory=list)
     planned: int = 0
     failed: dict[int, AnswerIsNoError] = field(default_factory=dict)
+    has_started: bool = False
     _noun: str = "trial"
-    _started: bool = False
     _undoable: list[Event] = field(default_factory=list)
     _met: list[ConditionMet] = field(default_factory=list)
 
@@ -85,13 +125,13 @@ class Dialogue:
         self.decisions = self.decisions.add(event)
         match event:
             case TrialStart():
-                self.trial, self._noun, self._started = event.trial, event.noun, True
-                self.begun.append(BegunTrial(event.trial, event.repeats))
+                self.trial, self._noun, self.has_started = event.trial, event.noun, True
+                self.begun.append(RecordedTrial(event, None))
                 self._undoable.clear()
             case TrialStop():
                 self.finished = event.trial if event.trial == self.trial else self.finished
                 self.begun = [
-                    replace(made, exit_status=event.exit_status) if made.number == event.trial else made
+                    replace(made, stop=event) if made.start.trial == event.trial else made
                     for made in self.begun
                 ]
                 self.trial, self.next_point = None, ""
@@ -120,11 +160,7 @@ class Dialogue:
 
     def begin_attempt(self, attempt: Trial[Any]) -> None:
         """Take note that a trial is about to be made."""
-        self.attempt, self._started = attempt, False
-
-    def end_attempt(self) -> None:
-        """Take note that it is over."""
-        self.attempt = None
+        self.attempt, self.has_started = attempt, False
 
     def find_failure(self) -> TrialsFailedError | None:
         """Return why the run has failed, by its trials that are to be evaluated; None if none of them has failed."""
@@ -145,14 +181,9 @@ class Dialogue:
     # What may be done now
 
     @property
-    def has_started(self) -> bool:
-        """Whether the attempted trial has started."""
-        return self._started
-
-    @property
     def can_leave(self) -> bool:
         """Whether the trial that is about to be made has not started, so that it can be left out."""
-        return self.attempt is not None and not self._started
+        return self.attempt is not None and not self.has_started
 
     @property
     def marked_trial(self) -> int | None:
@@ -164,13 +195,8 @@ class Dialogue:
         """The decision that came last, if it can be taken back: nothing was answered and nothing has moved since."""
         return self._undoable[-1] if self._undoable else None
 
-    def list_choices(self, *, paused: bool) -> tuple[Choice, ...]:
-        """Return what may be chosen instead of an answer."""
-        return tuple(self._find_choices(paused=paused))
-
-    def _find_choices(self, *, paused: bool) -> Iterator[Choice]:
-        if not paused:
-            yield Choice.PAUSE
+    def list_choices(self) -> Iterator[Choice]:
+        """Yield what may be chosen instead of an answer."""
         if self._can_repeat():
             yield Choice.REPEAT
         if self.can_leave and self.trial is None:
@@ -187,9 +213,9 @@ class Dialogue:
             return False
         return trial not in self.decisions.repeated and self.can_repeat(trial)
 
-    def make_offer(self, *, paused: bool) -> Offer:
+    def make_offer(self) -> Offer:
         """Return what may be chosen, with the line that says where the run is."""
-        return Offer(self.list_choices(paused=paused), self.place)
+        return Offer(tuple(self.list_choices()), self.place)
 
     def describe_next_point(self) -> str:
         """Return when a pause that is asked for now will begin."""

@@ -6,8 +6,6 @@ answer. A run of many trials is planned from the first of them: the others are t
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
 
 from labrig.analysis.experiment import TaskOutcome
 from labrig.devices.needle_state import NEW, NeedleState
@@ -16,13 +14,13 @@ from labrig.devices.rig_file import RigDescription
 from labrig.errors import BugError, FileFormatError, InputError, Problem, TargetMissedError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import Event, Move, OperatorQuestion, TrialStart
-from labrig.runner.conduct import Outcome, conduct, conduct_remainder
+from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.dialogue import Dialogue
 from labrig.runner.experiment import Experiment, RunPlan
 from labrig.runner.plan import find_calibration_problems, find_rig_problems
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight, load_plane_map, load_tip_template
-from labrig.runner.trials import NO_PAST, Past
+from labrig.runner.trials import Past
 from labrig.runner.virtual_rig import EventList, VirtualRig
 from labrig.runner.virtual_sight import WorldSight
 from labrig.simulation.description import (
@@ -66,55 +64,33 @@ class _Watch(EventList):
         super().record_event(event, t_s)
 
 
-@dataclass(frozen=True)
-class VirtualRun:
-    """A procedure that was carried out on a virtual rig: how it ended, and what it wrote."""
-
-    outcome: Outcome
-    record: EventList
-
-
-def run_virtually(
-    experiment: Experiment, protocol: ExperimentProtocol, rig: RigDescription, seed: int
-) -> VirtualRun:
-    """Carry out a procedure in the world of a simulated rig; the same seed gives the same bits in any process.
-
-    Raises
-    ------
-    InputError
-        For a rig without a simulated world.
-    """
-    if rig.world is None:
-        raise InputError(
-            "a virtual run is made in the world of a simulated rig, and there is none",
-            "name a rig file of kind simulated",
-        )
-    record = EventList()
-    return VirtualRun(conduct(experiment, protocol, _open_session(protocol, rig, record, seed)), record)
-
-
 def simulate(
     experiment: Experiment, protocol: ExperimentProtocol, rig: RigDescription | None, seed: int
 ) -> TaskOutcome:
-    """Return what comes of one virtual run, without pictures; the same seed gives the same bits in any process.
+    """Carry out a procedure in the world of a simulated rig, without pictures, and return what comes of it.
+
+    The same seed gives the same bits in any process.
 
     Raises
     ------
     InputError
         When the experiment or the rig does not allow it, or the protocol cannot be run.
     """
-    if rig is None:
-        raise InputError("a virtual run needs a rig, and there is none", "name a rig file of kind simulated")
-    made = run_virtually(experiment, protocol, rig, seed)
-    error = made.outcome.error
-    if isinstance(error, InputError | BugError):
-        raise error
-    values = experiment.part("tell_values")(made.record.events, made.record.truths)
-    return TaskOutcome(made.outcome.exit_status, made.outcome.reason or None, values)
+    if rig is None or rig.world is None:
+        raise InputError(
+            "a virtual run is made in the world of a simulated rig, and there is none",
+            "name a rig file of kind simulated",
+        )
+    record = EventList()
+    outcome = conduct(experiment, protocol, _open_session(protocol, rig, record, seed)[0])
+    if isinstance(outcome.error, InputError | BugError):
+        raise outcome.error
+    values = experiment.part("tell_values")(record.events, record.truths)
+    return TaskOutcome(outcome.exit_status, outcome.reason or None, values)
 
 
 def plan_run(
-    experiment: Experiment, protocol: ExperimentProtocol, rig: RigDescription | None, past: Past = NO_PAST
+    experiment: Experiment, protocol: ExperimentProtocol, rig: RigDescription | None, past: Past | None = None
 ) -> RunPlan:
     """Return the plan of a run on a rig, or of what is left of one; the rig is None for a protocol that moves none."""
     if rig is None:
@@ -122,20 +98,19 @@ def plan_run(
     record = _Watch()
     record.unfit += find_rig_problems(protocol, rig)
     try:
-        session = _open_session(protocol, rig, record, protocol.seed)
+        session, virtual = _open_session(protocol, rig, record, protocol.seed)
     except InputError as error:
         return RunPlan(problems=tuple(record.unfit) or (Problem("rig", error.message, error.hint),))
     try:
-        if past is not NO_PAST:
-            outcome = conduct_remainder(experiment, protocol, past, session)
-        else:
-            outcome = conduct(experiment, protocol, session)
+        outcome = conduct(experiment, protocol, session, past)
     except _EnoughError:
         outcome = Outcome("success", "", None)
-    return _describe(protocol, rig, session, record, outcome)
+    return _describe(rig, session.dialogue, virtual, record, outcome)
 
 
-def _open_session(protocol: ExperimentProtocol, rig: RigDescription, record: EventList, seed: int) -> Session:
+def _open_session(
+    protocol: ExperimentProtocol, rig: RigDescription, record: EventList, seed: int
+) -> tuple[Session, VirtualRig]:
     needle = getattr(protocol, "needle", None)
     placed = rig if needle is None else rig.with_needle(needle)
     world = _IdealWorld(protocol) if placed.world is None else World(placed.world, seed)
@@ -156,7 +131,7 @@ def _open_session(protocol: ExperimentProtocol, rig: RigDescription, record: Eve
             world.plane = plane
         return WorldSight(world, plane, stream(seed, "sightings"), lens)
 
-    return Session(virtual, record, lambda _done, _doing: None, Dialogue(), make_sight)
+    return Session(virtual, record, lambda _done, _doing: None, make_sight=make_sight), virtual
 
 
 class _IdealWorld(World):
@@ -226,14 +201,14 @@ def _lay_markers(protocol: ExperimentProtocol) -> Iterator[PrintedMarkerDescript
 
 
 def _describe(
-    protocol: ExperimentProtocol, rig: RigDescription, session: Session, record: _Watch, outcome: Outcome
+    rig: RigDescription, dialogue: Dialogue, virtual: VirtualRig, record: _Watch, outcome: Outcome
 ) -> RunPlan:
     """Return the plan that a dry run tells."""
-    dialogue, events = session.dialogue, record.events
+    events = record.events
     questions = [event for event in events if isinstance(event, OperatorQuestion)]
     trials = max(dialogue.planned - dialogue.past.kept, record.trials)
     share = trials / record.trials if record.trials else 1.0
-    problems = [*record.unfit, *_list_refused(protocol, session.rig)]
+    problems = [*record.unfit, *virtual.refused.values()]
     error = outcome.error
     uncalibrated = find_calibration_problems(rig) if record.sights else ()
     problems += [problem for problem in uncalibrated if problem not in problems]
@@ -249,7 +224,7 @@ def _describe(
         refusal = Problem("target", error.message, error.hint)
     return RunPlan(
         trials=trials,
-        duration_s=share * session.rig.clock.now_s(),
+        duration_s=share * virtual.clock.now_s(),
         moves=round(share * sum(isinstance(event, Move) for event in events)),
         pictures=round(share * (record.frames - record.drawn)),
         operator_steps=round(share * len(questions)),
@@ -263,27 +238,3 @@ def _describe(
 
 _SURE = ("no_path", "no_marker")
 """What a dry run says for sure: nothing that is drawn decides it."""
-
-
-def _list_refused(protocol: ExperimentProtocol, rig: Any) -> Iterator[Problem]:
-    """Yield each move beyond a limit, at the key of the protocol that has its position or its speed."""
-    keys, told = dict(_list_numbers(protocol.model_dump())), set()
-    for axis, position, speed, error in rig.refused:
-        if error.message not in told:
-            told.add(error.message)
-            low, high = getattr(rig.description.axes, axis).limits
-            too_fast = low <= position <= high
-            places = (
-                key
-                for key, value in keys.items()
-                if value == (speed if too_fast else position) and ("speed" in key) == too_fast
-            )
-            yield Problem(next(places, f"axes.{axis}"), error.message, error.hint)
-
-
-def _list_numbers(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, float]]:
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _list_numbers(value, f"{before}{key}.")
-        elif isinstance(value, int | float) and not isinstance(value, bool) and value:
-            yield f"{before}{key}", value

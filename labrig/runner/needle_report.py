@@ -1,13 +1,11 @@
 """What the person at the rig is told of the needle when a run ends early: motion, place, and what to do."""
 
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.devices.needle_location import NeedleLocation
 from labrig.devices.rig import Rig
-from labrig.errors import InterruptedRunError, MachineError
-from labrig.runner.conduct import Outcome
 
 
 @dataclass(frozen=True)
@@ -41,13 +39,3 @@ def _find_way_out(rig: Rig, run: Path) -> str:
         f"Take the needle out along its path: labrig devices withdraw {rig.description.option} --run {since} "
         "(it asks before it resets a fault and before it moves)"
     )
-
-
-def add_closing_failure(outcome: Outcome, failure: MachineError) -> Outcome:
-    """Return how a run ended whose rig could not be closed; an error of the machine that ended it stays the first."""
-    first = outcome.error
-    if not isinstance(first, MachineError | InterruptedRunError):
-        return Outcome(outcome.exit_status, f"{outcome.reason}; {failure.message}".lstrip("; "), failure)
-    if failure.message in first.message:
-        return outcome
-    return replace(outcome, error=first.reword(f"{first.message}; when closing: {failure.message}"))

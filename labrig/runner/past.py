@@ -8,7 +8,7 @@ import pandas as pd
 from labrig.devices.past_insertion import PastInsertion
 from labrig.record.events import TrialStart, TrialStop
 from labrig.record.reader import Run
-from labrig.runner.trials import BegunTrial, Past
+from labrig.runner.trials import Past
 from labrig.runner.withdrawal import read_needle_path
 
 
@@ -25,20 +25,7 @@ def read_past(run: Run) -> Past:
     """Return what a record holds. Raises `RecordError` when it is damaged."""
     trials = run.read_trials(_HoleStart, TrialStop)
     starts = [trial.start for trial in trials if trial.start.specimen]
-    return Past(
-        begun=tuple(
-            BegunTrial(trial.start.trial, trial.start.repeats, trial.exit_status) for trial in trials
-        ),
-        decisions=run.decisions,
-        holes=tuple(_list_holes(run.states, starts)),
-        failed={
-            trial.start.trial: (trial.stop.stop or "trial_failed", trial.stop.cause)
-            for trial in trials
-            if trial.stop is not None and trial.exit_status == "failed"
-        },
-        last_specimen=starts[-1].specimen if starts else "",
-        needle_path=read_needle_path(run),
-    )
+    return Past(trials, run.decisions, tuple(_list_holes(run.states, starts)), read_needle_path(run))
 
 
 def _list_holes(states: pd.DataFrame, starts: Sequence[_HoleStart]) -> Iterator[PastInsertion]:

@@ -17,12 +17,6 @@ _PNG_SHARE = 0.7
 """Of its raw bytes a PNG of a noisy camera takes about so much."""
 
 
-def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:
-    """Yield the empty entries of a rig file, and the problems of the files that it names."""
-    for problem in find_problems(rig):
-        yield replace(problem, where=f"rig {problem.where}")
-
-
 def _find_picture_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
     """Yield a camera with recorded pictures if pictures decide how real drives move."""
     if protocol.pictures_decide_motion and rig.camera.recorded and rig.kind == "bench":
@@ -49,7 +43,7 @@ def _find_current_problems(protocol: ExperimentProtocol, rig: RigDescription) ->
 
 def find_rig_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
     """Yield what is wrong with a rig file, whatever the procedure does."""
-    yield from find_rig_file_problems(rig)
+    yield from (replace(problem, where=f"rig {problem.where}") for problem in find_problems(rig))
     yield from _find_picture_problems(protocol, rig)
     yield from _find_current_problems(protocol, rig)
 

@@ -25,11 +25,10 @@ from labrig.record.events import Event, Move, OperatorQuestion, Pause
 from labrig.record.json_lines import as_recorded
 from labrig.record.layout import COPY_HINT
 from labrig.record.reader import Run
-from labrig.runner.conduct import Outcome, conduct, conduct_remainder, conduct_without_rig
-from labrig.runner.dialogue import Dialogue
+from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
+from labrig.runner.dialogue import Dialogue, PauseRequests
 from labrig.runner.experiment import Experiment
 from labrig.runner.past import read_past
-from labrig.runner.pausing import PauseRequests
 from labrig.runner.session import Progress, Session
 
 _TARGET_INCREMENTS = 10
@@ -170,9 +169,8 @@ def _conduct(
         return conduct_without_rig(experiment, journal, SimulatedClock())
     rig = ReplayedRig(run, replayed.rig, part, tape)
     session = Session(rig, journal, progress, Dialogue(requests=RecordedRequests(tape)))
-    if replayed.resumed is None:
-        return conduct(experiment, protocol, session)
-    return conduct_remainder(experiment, protocol, read_past(replayed.resumed), session)
+    past = None if replayed.resumed is None else read_past(replayed.resumed)
+    return conduct(experiment, protocol, session, past)
 
 
 class ReplayedRecord:

@@ -48,8 +48,7 @@ from labrig.record.events import (
 )
 from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
-from labrig.runner.dialogue import Dialogue
-from labrig.runner.pausing import AFTER_ANSWER, AT_QUESTION, BEFORE_QUESTION, TRIAL_END
+from labrig.runner.dialogue import AFTER_ANSWER, BEFORE_QUESTION, TRIAL_END, Dialogue
 from labrig.runner.sight import Sight, TakenPicture
 from labrig.runner.trials import Again, Past, Trial, list_remaining, make_same_again, put_repeats_first
 from labrig.vision.picture import Picture
@@ -99,7 +98,7 @@ class TrialRun(Generic[_T]):
             self._stop("failed", getattr(error, "reason", "refused"), error.message)
             dialogue.failed[self.number] = error
             session.tell(f"trial {self.number} has failed: {error.message}")
-        dialogue.end_attempt()
+        dialogue.attempt = None
         return fails or isinstance(error, _OtherTrialError)
 
     def _stop(self, exit_status: str, stop: str | None = None, cause: str = "") -> None:
@@ -115,11 +114,7 @@ class _ContinuedError(Exception):
     """A pause is ended from elsewhere, by what its message says."""
 
 
-_POINTS = {
-    BEFORE_QUESTION: "before the next question",
-    AFTER_ANSWER: "after the answer",
-    AT_QUESTION: "at the question",
-}
+_POINTS = {BEFORE_QUESTION: "before the next question", AFTER_ANSWER: "after the answer"}
 """How a person reads where a pause has begun."""
 
 
@@ -364,7 +359,7 @@ class Session:
         place = _POINTS.get(point) or dialogue.describe_point(ended=point == TRIAL_END)
         request, reschedules = Paused(f"{place}, because {because}" if because else place), False
         while (answer := self._ask_once(request, paused=True)).choice is not None:
-            reschedules = self._decide(answer, paused=True) or reschedules
+            reschedules = self._decide(answer) or reschedules
         if not answer.confirmed:
             raise OperatorDeclinedError(
                 "the operator ended the run during a pause", "labrig resume continues it"
@@ -374,14 +369,12 @@ class Session:
         if reschedules and dialogue.can_leave:
             raise _OtherTrialError
 
-    def _decide(self, answer: Answer, *, paused: bool) -> bool:
+    def _decide(self, answer: Answer) -> bool:
         """Record what was chosen instead of an answer; return whether other trials remain now."""
         dialogue, attempt = self.dialogue, self.dialogue.attempt
-        if answer.choice not in dialogue.list_choices(paused=paused):
+        if answer.choice not in dialogue.make_offer().choices:
             return False
         match answer.choice:
-            case Choice.PAUSE:
-                self._pause(AT_QUESTION, "prompt")
             case Choice.NOTE:
                 self.record(OperatorNote(text=answer.note, trial=dialogue.trial))
             case Choice.UNDO if dialogue.last_undoable is not None:
@@ -437,7 +430,7 @@ class Session:
         """Ask, and do what is chosen instead, until there is an answer. Before and after it is a safe point."""
         self.reach_safe_point(BEFORE_QUESTION)
         while (answer := self._ask_once(request)).choice is not None:
-            if self._decide(answer, paused=False) and self.dialogue.can_leave:
+            if self._decide(answer) and self.dialogue.can_leave:
                 raise _OtherTrialError
         if answer.confirmed:
             self.reach_safe_point(AFTER_ANSWER)
@@ -445,7 +438,7 @@ class Session:
 
     def _ask_once(self, request: OperatorRequest, *, paused: bool = False) -> Answer:
         """Ask once and record it."""
-        offer = self.dialogue.make_offer(paused=paused)
+        offer = self.dialogue.make_offer()
         try:
             answer = self.rig.ask(
                 request, offer, self._look_for_continuation if paused else self._look_while_asking

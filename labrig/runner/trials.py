@@ -4,13 +4,13 @@ It is told anew after each trial, while a run is made and when it is resumed: a 
 again, and an interrupted one is made again under a number of its own.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.past_insertion import PastInsertion
-from labrig.record.events import INTERRUPTED, NO_DECISIONS, Decisions
+from labrig.record.events import INTERRUPTED, NO_DECISIONS, Decisions, RecordedTrial
 from labrig.record.layout import INCOMPLETE
 
 T = TypeVar("T")
@@ -28,17 +28,13 @@ class Trial(Generic[T]):
     repeats: int | None = None
 
 
-@dataclass(frozen=True)
-class BegunTrial:
-    """A trial that has started: its number, the trial whose place it takes, and its status."""
+AnyTrial: TypeAlias = RecordedTrial[Any, Any]
+"""A trial that has started."""
 
-    number: int
-    repeats: int | None = None
-    exit_status: str = INCOMPLETE
 
-    def is_lost(self, decisions: Decisions) -> bool:
-        """Return whether another trial takes its place: it was interrupted, or a person has had it made again."""
-        return self.exit_status in {INCOMPLETE, INTERRUPTED} or self.number in decisions.repeated
+def is_lost(trial: AnyTrial, decisions: Decisions) -> bool:
+    """Return whether another trial takes its place: it was interrupted, or a person has had it made again."""
+    return trial.exit_status in {INCOMPLETE, INTERRUPTED} or trial.start.trial in decisions.repeated
 
 
 @dataclass(frozen=True)
@@ -47,30 +43,24 @@ class Past:
 
     Attributes
     ----------
-    begun : tuple of BegunTrial
+    begun : tuple of RecordedTrial
     decisions : Decisions
         Of its person.
     holes : tuple of PastInsertion
         Its insertions, as a gel remembers them.
-    failed : mapping of int to (str, str)
-        The trials that have failed: why, in a word and in words.
-    last_specimen : str
-        The specimen of its last trial; empty if there is none.
     needle_path : tuple of AxisPositions
         The path of a needle that may still be in tissue; empty if it was out.
     """
 
-    begun: tuple[BegunTrial, ...] = ()
+    begun: tuple[AnyTrial, ...] = ()
     decisions: Decisions = NO_DECISIONS
     holes: tuple[PastInsertion, ...] = ()
-    failed: Mapping[int, tuple[str, str]] = field(default_factory=dict)
-    last_specimen: str = ""
     needle_path: tuple[AxisPositions, ...] = ()
 
     @property
     def kept(self) -> int:
         """How many trials are kept."""
-        return sum(not trial.is_lost(self.decisions) for trial in self.begun)
+        return sum(not is_lost(trial, self.decisions) for trial in self.begun)
 
 
 NO_PAST = Past()
@@ -89,7 +79,7 @@ def put_repeats_first(trial: Trial[Any]) -> tuple[bool, int]:
 
 def list_remaining(
     planned: Sequence[T],
-    begun: Sequence[BegunTrial],
+    begun: Sequence[AnyTrial],
     decisions: Decisions,
     again: Again[T] = make_same_again,
     order: Callable[[Trial[T]], Any] = put_repeats_first,
@@ -100,7 +90,7 @@ def list_remaining(
     ----------
     planned : sequence
         What is made in each trial; the first is trial 0.
-    begun : sequence of BegunTrial
+    begun : sequence of RecordedTrial
         In the order of the record.
     decisions : Decisions
         What a person has skipped, and had made again.
@@ -112,22 +102,19 @@ def list_remaining(
     InputError
         From `again`, where there is no room.
     """
-    begun_numbers = {trial.number for trial in begun}
-    skipped = {skip.trial for skip in decisions.skipped}
-    settled = {trial.repeats for trial in begun} | {skip.repeats for skip in decisions.skipped}
+    numbers = {trial.start.trial for trial in begun} | {skip.trial for skip in decisions.skipped}
+    settled = {trial.start.repeats for trial in begun} | {skip.repeats for skip in decisions.skipped}
     made, used = dict(enumerate(planned)), list(planned)
     for trial in begun:
-        if trial.repeats is not None and trial.number not in made:
-            made[trial.number] = again(made[trial.repeats], used)
-            used.append(made[trial.number])
-    left = [
-        Trial(number, what) for number, what in enumerate(planned) if number not in begun_numbers | skipped
-    ]
-    number = max([len(planned) - 1, *begun_numbers, *skipped]) + 1
+        number, repeats = trial.start.trial, trial.start.repeats
+        if repeats is not None and number not in made:
+            made[number] = again(made[repeats], used)
+            used.append(made[number])
+    left = [Trial(number, what) for number, what in enumerate(planned) if number not in numbers]
+    number = max([len(planned) - 1, *numbers]) + 1
     for lost in begun:
-        if lost.is_lost(decisions) and lost.number not in settled:
-            what = again(made[lost.number], used)
-            used.append(what)
-            left.append(Trial(number, what, lost.number))
+        if is_lost(lost, decisions) and lost.start.trial not in settled:
+            used.append(again(made[lost.start.trial], used))
+            left.append(Trial(number, used[-1], lost.start.trial))
             number += 1
     return sorted(left, key=order)

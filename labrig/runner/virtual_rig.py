@@ -7,7 +7,7 @@ skipped. What pictures show is asked of the world (`virtual_sight`); a picture i
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from labrig.devices.axis_description import AXES, AxisDescription
 from labrig.devices.axis_positions import AxisPositions
+from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drives.drive import DriveReading, Setpoint
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
@@ -23,7 +24,7 @@ from labrig.devices.rig_calls import Photograph, RigCalls
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.operator import SimulatedOperator
 from labrig.devices.trapezoid import Limits, Profile, make_brake_profile, make_move_profile, make_rest_profile
-from labrig.errors import LimitError
+from labrig.errors import LimitError, Problem
 from labrig.record.events import Event
 from labrig.simulation.world import Glance, World
 from labrig.vision.picture import Picture
@@ -31,31 +32,12 @@ from labrig.vision.picture import Picture
 _T = TypeVar("_T")
 
 _UNDRAWN: NDArray[np.uint8] = np.zeros((1, 1), np.uint8)
-_INSTANT_S = 1e-9
+_INSTANT_S = 1e-6
 _REFERENCING_S = 0.5
 """How long the simulated drives take to reference all axes where they stand."""
 
 _ENABLED = 0x0637
 """Statusword of a drive whose operation is enabled (CiA 402)."""
-
-
-class VirtualClock:
-    """Rig time that passes at once."""
-
-    def __init__(self) -> None:
-        self._now_s = 0.0
-
-    def now_s(self) -> float:
-        """Return the rig time [s]."""
-        return self._now_s
-
-    def sleep(self, duration_s: float) -> None:
-        """Let `duration_s` pass."""
-        self._now_s += duration_s
-
-    def utc(self) -> datetime:
-        """Return a fixed time: a virtual run is at no time."""
-        return datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class _Axis:
@@ -153,10 +135,10 @@ class VirtualRig(RigCalls):
 
     def __init__(self, description: RigDescription, world: World, state: RigState, picture_s: float) -> None:
         self.description = description
-        self.clock = VirtualClock()
+        self.clock = SimulatedClock()
         self.needle = NeedleState(None, state)
         self.world = world
-        self.refused: list[tuple[str, float, float, LimitError]] = []
+        self.refused: dict[str, Problem] = {}
         self._axes = {name: _Axis(axis) for name, axis in description.axes.items()}
         self._operator = SimulatedOperator(world)
         self._picture_s = picture_s
@@ -206,7 +188,7 @@ class VirtualRig(RigCalls):
         try:
             super().check_move(axis_name, position, speed)
         except LimitError as error:
-            self.refused.append((axis_name, position, speed, error))
+            self.refused[error.message] = Problem(f"rig axes.{axis_name}", error.message, error.hint)
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move."""

@@ -205,7 +205,7 @@ def draw_shaft(
     ]
     means_mm[1] *= math.copysign(1.0, headings_rad[-1] - headings_rad[0])
     along_mm, across_mm = noise.normal(means_mm, (errors.along_sd_mm, errors.across_sd_mm))
-    tip_mm = _step_off(*path_mm[-1].tolist(), float(headings_rad[-1]), along_mm, across_mm)
+    tip_mm = _step_off(path_mm[-1], float(headings_rad[-1]), along_mm, across_mm)
     u, v = plane.to_px([tip_mm])[0].tolist()
     return ShaftTip(
         tip_px=(u, v),
@@ -220,8 +220,9 @@ def draw_shaft(
     )
 
 
-def _step_off(y: float, z: float, heading_rad: float, along_mm: float, across_mm: float) -> Point:
+def _step_off(place_mm: FloatArray, heading_rad: float, along_mm: float, across_mm: float) -> Point:
     """Return the place (y, z) so far along a heading, and to its left."""
+    y, z = place_mm.tolist()
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     return y + along_mm * sine + across_mm * cosine, z + along_mm * cosine - across_mm * sine
 
@@ -278,14 +279,15 @@ class WorldSight(Sight):
         if found < (errors.hidden_share if node.arc_mm < errors.hidden_mm else errors.missed_share):
             return None
         seen_mm, pixels = self._read(np.array([(node.x_mm, node.y_mm, node.z_mm)]))
-        if self.plane.image_size is not None and not is_off_rim(*pixels[0].tolist(), self.plane.image_size):
+        u, v = pixels[0].tolist()
+        if self.plane.image_size is not None and not is_off_rim(u, v, self.plane.image_size):
             return None
         turn_rad, side = node.heading_rad - before.heading_rad, -math.cos(base_rad)
         along_mm = errors.along_mm + errors.along_sd_mm * along
         along_mm += errors.rim_mm * float(square_distances(seen_mm, self._perspective)[0])
         across_mm = errors.across_mm + errors.across_sd_mm * across
         across_mm += errors.side_mm * side - errors.turn_mm * turn_rad
-        return np.array((0.0, *_step_off(*seen_mm[0].tolist(), node.heading_rad, along_mm, across_mm)))
+        return np.array((0.0, *_step_off(seen_mm[0], node.heading_rad, along_mm, across_mm)))
 
     def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
         """Return the pose of the sheath, as measured in a picture."""

@@ -36,7 +36,7 @@ from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import Experiment
-from labrig.runner.needle_report import NeedleReport, add_closing_failure, report_needle
+from labrig.runner.needle_report import NeedleReport, report_needle
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.run_record import RunOrder, open_record
 from labrig.runner.session import Progress, Session
@@ -107,20 +107,13 @@ def finish(
         return _show_failure(ended, experiment, attendant)
     ended = replace(ended, needle=None, can_resume=False)
     if ended.signal_name is not None:
-        return _end_interrupted(
-            ended, f"interrupted by {ended.signal_name}", "it is recorded, and was not measured"
-        )
-    result: AnyResult | None = None
+        return _end_interrupted(ended, ended.signal_name)
     try:
         result = measure(ended.path, experiment, command_line, attendant)
         attendant.say("writing the report")
         report = write_page(open_run(ended.path), experiment, result)
     except KeyboardInterrupt as interruption:
-        by = f"interrupted by {str(interruption) or 'SIGINT'}"
-        if result is None:
-            return _end_interrupted(ended, by, "it is recorded, and was not measured")
-        ended = replace(ended, result=result.document)
-        return _end_interrupted(ended, by, "it is recorded and measured; labrig report writes its page")
+        return _end_interrupted(ended, str(interruption) or "SIGINT")
     except AnswerIsNoError as failure:
         return replace(ended, outcome=Outcome(ended.outcome.exit_status, failure.message, failure))
     return replace(ended, report=report, result=result.document)
@@ -159,10 +152,11 @@ def _show_failure(ended: FinishedRun, experiment: Experiment, attendant: Attenda
         return ended
 
 
-def _end_interrupted(ended: FinishedRun, by: str, state: str) -> FinishedRun:
+def _end_interrupted(ended: FinishedRun, by: str) -> FinishedRun:
     """Return a run that came to its end and was interrupted afterwards."""
-    message = f"{by} when the run had ended; {state}"
-    return replace(ended, outcome=Outcome("success", message, InterruptedRunError(message)))
+    state = "it is recorded; labrig reanalyze measures it and writes its page"
+    message = f"interrupted by {by} when the run had ended; {state}"
+    return replace(ended, outcome=Outcome(ended.outcome.exit_status, message, InterruptedRunError(message)))
 
 
 @dataclass(frozen=True)
@@ -211,7 +205,7 @@ def record_on_rig(
         except MachineError as failure:
             if ended is None:
                 raise
-            return replace(ended, outcome=add_closing_failure(ended.outcome, failure))
+            return replace(ended, outcome=ended.outcome.add(failure, "closing"))
     return replace(ended, signal_name=interrupted())
 
 

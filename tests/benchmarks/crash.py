@@ -35,7 +35,7 @@ from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, opening_files, reopen_run
-from labrig.runner.conduct import conduct, conduct_remainder
+from labrig.runner.conduct import conduct
 from labrig.runner.dry_run import plan_run
 from labrig.runner.past import read_past
 from labrig.runner.session import Session
@@ -227,7 +227,7 @@ def _resume(path: Path, name: str) -> None:
     with open_rig(simulated_rig(), seed=protocol.seed, person=Person(), interrupted=lambda: None) as opened:
         recorder = reopen_run(path, "benchmark")
         recorder.begin_session(opened.clock.utc(), devices=opened.describe())
-        conduct_remainder(experiment, protocol, past, Session(opened, recorder, lambda _done, _doing: None))
+        conduct(experiment, protocol, Session(opened, recorder, lambda _done, _doing: None), past)
 
 
 def _measure_radii(run: Run) -> dict[int, float]:

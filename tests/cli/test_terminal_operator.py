@@ -210,7 +210,6 @@ OFFERED = Offer(tuple(Choice), "hole 3 of 18, gel 2 of 4, about 52 minutes of yo
 @pytest.mark.parametrize(
     ("typed", "choice", "text"),
     [
-        (("p\n",), Choice.PAUSE, ""),
         (("R\n",), Choice.REPEAT, ""),
         (("s\n",), Choice.SKIP, ""),
         (("u\n",), Choice.UNDO, ""),

@@ -17,12 +17,14 @@ from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.events import RecordedTrial, TrialStart, TrialStop
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, opening_files
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import RunPlan
 from labrig.runner.session import Session
+from labrig.runner.trials import AnyTrial
 from tests.devices.rigs import OpenedRig, large_rig, opened_rig, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
@@ -164,3 +166,9 @@ def record_example(folder: Path, name: str) -> Run:
     recorder = Recorder.create(folder, "run", manifest, opening_files(dump_yaml(protocol)))
     conduct_without_rig(find_experiment("design"), recorder, clock)
     return open_run(recorder.path)
+
+
+def begun(number: int, repeats: int | None, exit_status: str) -> AnyTrial:
+    """Return a trial that has ended."""
+    start, stop = TrialStart(trial=number, repeats=repeats), TrialStop(trial=number, exit_status=exit_status)
+    return RecordedTrial(start, stop)

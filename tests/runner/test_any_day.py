@@ -26,11 +26,11 @@ from labrig.record.check import check_run
 from labrig.record.events import Event
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, reopen_run
-from labrig.runner.conduct import Outcome, conduct, conduct_remainder, conduct_withdrawal
+from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.past import read_past
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Session
-from labrig.runner.trials import list_remaining
+from labrig.runner.trials import is_lost, list_remaining
 from tests.devices.rigs import opened_rig, simulated_rig
 from tests.runner.sessions import Told, bench, sweep
 from tests.runner.test_pausing import SHORT, SPARSE
@@ -104,7 +104,7 @@ class Sitting:
             opened.rig.verify()
             recorder = reopen_run(self.path, "labrig resume")
             recorder.begin_session(opened.rig.clock.utc(), devices=opened.rig.describe())
-            return conduct_remainder(EXPERIMENT, PROTOCOL, past, self._sit_down(opened.rig, recorder))
+            return conduct(EXPERIMENT, PROTOCOL, self._sit_down(opened.rig, recorder), past)
 
     def _sit_down(self, rig: Rig, recorder: Recorder) -> Session:
         self._hands = rig.operator
@@ -134,11 +134,11 @@ class AnyDay(RuleBasedStateMachine):
                 self.agree()
         run = self.open()
         assert list_remaining(range(HOLES), read_past(run).begun, run.decisions) == []
-        made = {trial.number: trial for trial in read_past(run).begun}
+        made = {trial.start.trial: trial for trial in read_past(run).begun}
         skipped = {skip.trial for skip in run.decisions.skipped} | {
             skip.repeats for skip in run.decisions.skipped
         }
-        kept = [trial for trial in made.values() if not trial.is_lost(run.decisions)]
+        kept = [trial for trial in made.values() if not is_lost(trial, run.decisions)]
         assert all(trial.exit_status == "success" for trial in kept)
         assert len(kept) + len(run.decisions.skipped) == HOLES, skipped
         replay = replay_run(run, find_run_experiment(run), load_run_protocol(run), Told())
@@ -169,13 +169,6 @@ class AnyDay(RuleBasedStateMachine):
         """Say yes."""
         paused = isinstance(self.sitting.question[0], Paused)
         self.sitting.answer(Answer(confirmed=True, note="c") if paused else None)
-
-    @precondition(lambda self: self.may(Choice.PAUSE))
-    @rule()
-    def pause(self) -> None:
-        """Pause at a question."""
-        self.choose(Choice.PAUSE)
-        assert isinstance(self.sitting.question[0], Paused)
 
     @precondition(lambda self: any(map(self.may, (Choice.SKIP, Choice.REPEAT, Choice.MARK_BAD))))
     @rule(data=st.data())

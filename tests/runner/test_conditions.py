@@ -14,7 +14,7 @@ from labrig.record.events import ConditionMet, Pause, ValueMeasured
 from labrig.record.reader import open_run
 from labrig.record.writer import reopen_run
 from labrig.report.event_words import list_decisions
-from labrig.runner.conduct import conduct, conduct_remainder
+from labrig.runner.conduct import conduct
 from labrig.runner.past import read_past
 from tests.runner.sessions import bench, sweep
 from tests.runner.test_pausing import GO_ON, SHORT, SPARSE, make_run, require_identical
@@ -63,7 +63,7 @@ def test_a_condition_stops_the_run_and_a_resumed_one_goes_on(tmp_path: Path) -> 
         past = read_past(run)
         assert past.kept == 1
         at.recorder = reopen_run(run.path, "test")
-        again = conduct_remainder(find_run_experiment(run), protocol, past, at.session)
+        again = conduct(find_run_experiment(run), protocol, at.session, past)
     assert "radius_mm of trial 2 is" in again.reason
     run = open_run(run.path)
     assert [len(run.read_events(kind)) for kind in (ValueMeasured, ConditionMet)] == [2, 2]

@@ -20,11 +20,11 @@ from labrig.record.agreement import Verdict
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
-from labrig.runner.dialogue import Dialogue
+from labrig.runner.dialogue import Dialogue, PauseRequests
 from labrig.runner.past import read_past
-from labrig.runner.pausing import PauseRequests
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Session
+from labrig.runner.trials import is_lost
 from tests.runner.sessions import Told, bench, sweep
 
 SHORT = (
@@ -184,7 +184,7 @@ def test_a_run_that_is_ended_during_a_pause_is_aborted_and_can_be_resumed(tmp_pa
     outcome, run, _, _ = make_run(tmp_path, [Answer(confirmed=False, note="no")], point="trial_end")
     assert (outcome.exit_status, outcome.reason) == ("aborted", "the operator ended the run during a pause")
     assert [pause.duration_s for pause in run.pauses] == [None]
-    assert [trial.is_lost(run.decisions) for trial in read_past(run).begun] == [False]
+    assert [is_lost(trial, run.decisions) for trial in read_past(run).begun] == [False]
     require_identical(run)
 
 

@@ -18,7 +18,7 @@ from labrig.record.agreement import Deviation, Verdict
 from labrig.record.json_lines import as_recorded, decode_line, encode_line
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import reopen_run
-from labrig.runner.conduct import conduct, conduct_remainder
+from labrig.runner.conduct import conduct
 from labrig.runner.past import read_past
 from labrig.runner.replay import Replay, replay_run
 from labrig.runner.session import Session
@@ -246,7 +246,7 @@ def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
         experiment = find_run_experiment(run)
         session = Session(again.opened.rig, recorder, Told())
-        outcome = conduct_remainder(experiment, protocol, read_past(run), session)
+        outcome = conduct(experiment, protocol, session, read_past(run))
     assert outcome.exit_status == "success"
     found = replay(run)
     assert found.verdict is Verdict.IDENTICAL, found.first_difference

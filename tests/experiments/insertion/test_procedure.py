@@ -44,8 +44,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.agreement import Verdict
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
-from labrig.runner.dialogue import Dialogue
-from labrig.runner.pausing import PauseRequests
+from labrig.runner.dialogue import Dialogue, PauseRequests
 from labrig.runner.replay import replay_run
 from labrig.runner.session import Progress, Session
 from labrig.steering.torsion import TorsionalLag

@@ -11,7 +11,7 @@ from labrig.record.agreement import Verdict
 from labrig.record.check import check_run
 from labrig.record.reader import open_run
 from labrig.record.writer import reopen_run
-from labrig.runner.conduct import conduct, conduct_remainder
+from labrig.runner.conduct import conduct
 from labrig.runner.dry_run import plan_run
 from labrig.runner.past import read_past
 from labrig.runner.replay import replay_run
@@ -48,7 +48,7 @@ def test_a_run_of_insertions_goes_on_where_it_was_broken(tmp_path: Path) -> None
             1,
         )
         session = Session(again.opened.rig, recorder, Told())
-        outcome = conduct_remainder(experiment, protocol, past, session)
+        outcome = conduct(experiment, protocol, session, past)
     assert outcome.exit_status == "success"
     assert sum(isinstance(request, MountNeedle) for request in watched.asked) == 1
     run = open_run(run.path)

@@ -18,9 +18,9 @@ from labrig.experiments.steerability.holes import (
 )
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.events import NO_DECISIONS
-from labrig.runner.trials import BegunTrial, Trial, list_remaining
+from labrig.runner.trials import AnyTrial, Trial, list_remaining
 from tests.protocol.specimens import make_section, make_track
-from tests.runner.sessions import sweep
+from tests.runner.sessions import begun, sweep
 
 TWO_GELS = "specimens=[{name: a, gelatin_percent: 10}, {name: b, gelatin_percent: 19}]"
 
@@ -32,9 +32,9 @@ def protocol(*overrides: str) -> SteerabilityProtocol:
     return loaded
 
 
-def begin(planned: Trial[Hole], *, finished: bool) -> BegunTrial:
+def begin(planned: Trial[Hole], *, finished: bool) -> AnyTrial:
     """Return a recorded trial."""
-    return BegunTrial(planned.number, planned.repeats, "success" if finished else "interrupted")
+    return begun(planned.number, planned.repeats, "success" if finished else "interrupted")
 
 
 def list_planned(sweep_of: SteerabilityProtocol) -> list[Trial[Hole]]:
@@ -42,7 +42,7 @@ def list_planned(sweep_of: SteerabilityProtocol) -> list[Trial[Hole]]:
     return [Trial(number, hole) for number, hole in enumerate(list_holes(sweep_of))]
 
 
-def list_left(sweep_of: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> list[Trial[Hole]]:
+def list_left(sweep_of: SteerabilityProtocol, begun: Sequence[AnyTrial]) -> list[Trial[Hole]]:
     """Return the trials that remain, as the procedure asks for them."""
     again = partial(find_another_hole, sweep_of)
     return list_remaining(list_holes(sweep_of), begun, NO_DECISIONS, again, sort_holes(sweep_of))
@@ -133,7 +133,7 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(
 ) -> None:
     """After any number of interruptions every planned trial is finished once, each at a place of its own."""
     wide = protocol("specimen_width_mm=1000", f"hole_order={order}")
-    past: list[BegunTrial] = []
+    past: list[AnyTrial] = []
     used: list[Hole] = []
     for cut in cuts:
         left = list_left(wide, past)
@@ -143,7 +143,7 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(
     past += [begin(trial, finished=True) for trial in list_left(wide, past)]
     finished = [trial for trial in past if trial.exit_status == "success"]
     assert len(finished) == len(list_planned(wide))
-    assert len({trial.number for trial in past}) == len(past)
+    assert len({trial.start.trial for trial in past}) == len(past)
     assert len({(hole.specimen.name, hole.position_mm) for hole in used}) == len(past)
     assert len({(hole.specimen.name, hole.number) for hole in used}) == len(past)
     assert list_left(wide, past) == []

@@ -14,7 +14,7 @@ from labrig.experiments.registry import find_experiment
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import reopen_run
-from labrig.runner.conduct import Outcome, conduct, conduct_remainder
+from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.past import read_past
 from labrig.runner.session import Session
 from tests.runner.sessions import RunBench, Told, Watched, bench, sweep
@@ -39,7 +39,7 @@ def _go_on(at: RunBench, protocol: SteerabilityProtocol, run: Run) -> tuple[Outc
     recorder = reopen_run(run.path, "test")
     sweep_experiment = find_experiment(protocol.experiment)
     session = Session(at.opened.rig, recorder, Told())
-    outcome = conduct_remainder(sweep_experiment, protocol, read_past(run), session)
+    outcome = conduct(sweep_experiment, protocol, session, read_past(run))
     return outcome, open_run(run.path)
 
 

@@ -44,9 +44,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _SPECIMEN = b"""name: A1
 gelatin_percent: 10
 batch: B7
-mixed_on: 2026-11-20T08:30+01:00
 cured_for_h: 24
-refractive_index: 1.35
 """
 _SCENARIO = b"""needle: {radius_mm: 30, diameter_mm: 1.2}
 target: {position_mm: [0, 5, 40], tolerance_mm: 1}

@@ -11,11 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labrig.errors import InputError
+from labrig.errors import FileFormatError, InputError
 from labrig.input_file import read_file
 from labrig.protocol.design_file import load_design
 from labrig.protocol.specimen_file import list_specimen_folders, load_specimen
-from labrig.protocol.tree import InputFault, KeyPath, Plain, Tree, file_format_error, locate_problems, show
+from labrig.protocol.tree import KeyPath, Plain, Tree, file_format_error, show
 from labrig.protocol.yaml_text import MAX_BYTES
 
 _REACH = "name a file below this folder or beside it, relative to this file: ../designs/needle.json"
@@ -59,12 +59,14 @@ def _fill_in(tree: Tree, section: KeyPath, key: str, read: Callable[[Plain], Map
     named, position = tree.value(name), tree.at(name)
     try:
         told = read(named)
+    except FileFormatError as error:
+        problems = [tree.fault(name, f"{each.where}: {each.message}", each.hint) for each in error.problems]
+        raise file_format_error([*tree.faults, *problems]) from error
     except InputError as error:
-        raise file_format_error([*tree.faults, *locate_problems(position, name, error)]) from error
+        raise file_format_error([*tree.faults, tree.fault(name, error.message, error.hint)]) from error
     kept = {own: value for own, value in tree.section(section).items() if own != key}
     faults = [
-        InputFault(
-            tree.at((*section, own)),
+        tree.fault(
             (*section, own),
             f"{own} is {show(kept[own])}, and {key} {named} says {show(value)}",
             f"delete {own}, or {key}",

@@ -68,8 +68,6 @@ class SpecimenFile(Model):
     """Mass of gelatin powder per mass of water [percent]; 10 for 10 %."""
     batch: Line = ""
     """Batch of gelatin that the block was cast from."""
-    mixed_on: Moment | None = None
-    """When powder and water were mixed."""
     cast_on: Moment
     """When the block was cast; its age counts from here."""
     cured_for_h: float | None = Field(None, ge=0, le=10_000)
@@ -80,10 +78,6 @@ class SpecimenFile(Model):
     """Its temperature when it is used [°C]."""
     usable_until: Moment | None = None
     """Until when it may be used; a run after that is refused. null: no end is set."""
-    refractive_index: float | None = Field(None, ge=1, le=2)
-    """Measured refractive index; null: not measured."""
-    refractive_index_sd: float | None = Field(None, ge=0, le=0.5)
-    """Standard deviation of refractive_index."""
     length_mm: PositiveMm | None = None
     """Length of the block along the insertion [mm]."""
     width_mm: PositiveMm | None = None
@@ -94,17 +88,11 @@ class SpecimenFile(Model):
     """Anything worth knowing later; may have several lines."""
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield times in the wrong order, and a spread of an index that was not measured."""
+        """Yield times in the wrong order."""
         cast = datetime.fromisoformat(self.cast_on)
-        if self.mixed_on is not None and datetime.fromisoformat(self.mixed_on) > cast:
-            message = f"cast_on is {self.cast_on}, before mixed_on, {self.mixed_on}"
-            yield Conflict("cast_on", message, "a block is cast after its gelatin was mixed")
         if self.usable_until is not None and datetime.fromisoformat(self.usable_until) < cast:
             message = f"usable_until is {self.usable_until}, before cast_on, {self.cast_on}"
             yield Conflict("usable_until", message, "was the year typed wrong?")
-        if self.refractive_index_sd is not None and self.refractive_index is None:
-            message = f"refractive_index_sd is {self.refractive_index_sd:g}, and refractive_index is missing"
-            yield Conflict("refractive_index_sd", message, "give both, or neither")
 
     def find_age_h(self, moment: datetime) -> float:
         """Return the age at a moment, since the block was cast [h]; negative before that."""

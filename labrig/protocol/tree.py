@@ -3,7 +3,7 @@
 import difflib
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -71,6 +71,10 @@ class Tree:
             keys = keys[:-1]
         return self.positions[keys]
 
+    def fault(self, path: KeyPath, message: str, hint: str = "") -> "InputFault":
+        """Return a fault of the entry at `path`."""
+        return InputFault(self.at(path), path, message, hint)
+
     def value(self, path: KeyPath) -> Plain:
         """Return the value at `path`, or None."""
         found = self.values
@@ -122,16 +126,6 @@ def _put(holder: Plain, keys: tuple[str, ...], value: Plain) -> Plain:
         raise InputError(f"{show_key(key)} names no entry of this list, expected 0 to {len(holder) - 1}")
     index = int(key)
     return [*holder[:index], _put(holder[index], keys[1:], value), *holder[index + 1 :]]
-
-
-def locate_problems(position: Position, path: KeyPath, error: InputError) -> Iterator[InputFault]:
-    """Yield the problems of another file as faults at the entry that names it."""
-    problems = (
-        error.problems if isinstance(error, FileFormatError) else (Problem("", error.message, error.hint),)
-    )
-    for problem in problems:
-        message = f"{problem.where}: {problem.message}" if problem.where else problem.message
-        yield InputFault(position, path, message, problem.hint)
 
 
 def file_format_error(faults: Iterable[InputFault]) -> FileFormatError:

@@ -68,7 +68,7 @@ def require_kind(tree: Tree, others: Mapping[str, tuple[str, str]]) -> None:
     """
     for key, (message, hint) in others.items():
         if tree.holds((key,)):
-            raise file_format_error([InputFault(tree.at((key,)), (key,), message, hint)])
+            raise file_format_error([tree.fault((key,), message, hint)])
 
 
 def validate_values(

@@ -14,6 +14,7 @@ from ruamel.yaml.error import MarkedYAMLError, StreamMark
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
+from labrig.errors import FileFormatError
 from labrig.input_file import open_file
 from labrig.protocol.tree import (
     InputFault,
@@ -35,14 +36,6 @@ _TAG = "tag:yaml.org,2002:"
 _READ_SCALARS = {_TAG + kind for kind in ("int", "float", "bool", "null")}
 # Tags that the parser gives to values without one; of scalars, those that are not read are texts.
 _OWN_TAGS = _READ_SCALARS | {_TAG + kind for kind in ("str", "seq", "map", "timestamp", "merge", "value")}
-
-
-class _RefusedError(Exception):
-    """Something that YAML allows and a protocol does not."""
-
-    def __init__(self, mark: StreamMark, message: str) -> None:
-        super().__init__(message)
-        self.mark = mark
 
 
 def _make_yaml() -> Any:
@@ -81,15 +74,7 @@ def load_yaml_values(path: Path | str) -> dict[str, Plain]:
 
 def load_tree(path: Path) -> Tree:
     """Return the mapping in a file, with positions. Raises `FileFormatError`."""
-    content = _read_bytes(path).removeprefix(BOM_UTF8)
-    try:
-        return read_tree(content.decode("utf-8"), str(path))
-    except UnicodeDecodeError as error:
-        before = content[: error.start].decode("utf-8")
-        position = Position(str(path), before.count("\n") + 1, len(before) - before.rfind("\n"))
-        message = f"the byte 0x{content[error.start]:02x} is not UTF-8, expected text in UTF-8"
-        fault = InputFault(position, (), message, "save the file as UTF-8 in your editor")
-        raise file_format_error([fault]) from error
+    return read_tree(_read_bytes(path).removeprefix(BOM_UTF8), str(path))
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -117,7 +102,7 @@ def _hint_at_files(path: Path) -> str:
     return choice_hint(path.name, names) if names else f"{folder} holds no YAML file"
 
 
-def read_tree(text: str, source: str) -> Tree:
+def read_tree(text: str | bytes, source: str) -> Tree:
     """Return the mapping in `text`; `source` names it in messages.
 
     Raises
@@ -130,11 +115,10 @@ def read_tree(text: str, source: str) -> Tree:
         return tree
     found = "is empty" if tree.values is None else f"holds {show(tree.values)}"
     message = f"the file {found}, expected keys and values"
-    fault = InputFault(tree.at(()), (), message, "a line is `key: value`, with a space")
-    raise file_format_error([*tree.faults, fault])
+    raise file_format_error([*tree.faults, tree.fault((), message, "a line is `key: value`, with a space")])
 
 
-def compose(text: str, source: str) -> Tree:
+def compose(text: str | bytes, source: str) -> Tree:
     """Return the value in `text`, of any kind, with the faults that did not stop the reading.
 
     Raises
@@ -149,13 +133,18 @@ def compose(text: str, source: str) -> Tree:
         values = None if root is None else reader.read(root, (), root)
     except MarkedYAMLError as error:
         problem = " ".join(filter(None, (error.context, error.problem)))
-        raise reader.refuse(
-            error.context_mark or error.problem_mark, f"this is not YAML: {problem}"
-        ) from error
-    except _RefusedError as error:
-        raise reader.refuse(error.mark, str(error)) from error
-    except (ReaderError, ValueError, OverflowError) as error:  # control characters, escapes beyond Unicode
-        raise reader.refuse(None, f"this is not YAML: {' '.join(str(error).split())}") from error
+        mark = error.context_mark or error.problem_mark
+        raise reader.refuse(reader.locate(mark), f"this is not YAML: {problem}") from error
+    except ReaderError as error:  # control characters, and bytes that are not UTF-8
+        before = text[: error.position]
+        before = before if isinstance(before, str) else before.decode()
+        position = Position(source, before.count("\n") + 1, len(before) - before.rfind("\n"))
+        reason = f"this is not YAML in UTF-8: {error.reason}"
+        raise reader.refuse(position, reason, "save the file as UTF-8 in your editor") from error
+    except FileFormatError:
+        raise
+    except (ValueError, OverflowError) as error:  # escapes beyond Unicode
+        raise reader.refuse(Position(source), f"this is not YAML: {' '.join(str(error).split())}") from error
     return Tree(values, {(): Position(source), **reader.positions}, tuple(reader.faults))
 
 
@@ -167,22 +156,22 @@ class _NodeReader:
         self.positions: dict[tuple[str, ...], Position] = {}
         self.faults: list[InputFault] = []
 
-    def refuse(self, mark: StreamMark | None, message: str) -> Exception:
+    def refuse(self, position: Position, message: str, hint: str = "") -> FileFormatError:
         """Return the error of a text that cannot be read on."""
-        return file_format_error([InputFault(self._locate(mark), (), message)])
+        return file_format_error([InputFault(position, (), message, hint)])
 
     def read(self, node: Node, path: tuple[str, ...], begin: Node) -> Plain:
         """Return the value of `node`, whose path is `path`, and whose entry begins with the node `begin`."""
         self._count += 1  # with aliases expanded, so that a short file cannot fill the memory
         if self._count > MAX_VALUES:
-            raise _RefusedError(node.start_mark, f"holds more than {MAX_VALUES} values")
+            raise self.refuse(self.locate(node.start_mark), f"holds more than {MAX_VALUES} values")
         if len(path) > MAX_DEPTH:
-            raise _RefusedError(node.start_mark, f"nested deeper than {MAX_DEPTH} levels")
+            raise self.refuse(self.locate(node.start_mark), f"nested deeper than {MAX_DEPTH} levels")
         if str(node.tag) not in _OWN_TAGS:
             tag = str(node.tag).removeprefix(_TAG)
             message = f"the tag {tag} is not allowed, values have no tags"
             self._add_fault(node, path, message, "delete the tag")
-        self.positions.setdefault(path, self._locate(begin.start_mark))
+        self.positions.setdefault(path, self.locate(begin.start_mark))
         if isinstance(node, MappingNode):
             return self._read_section(node, path)
         if isinstance(node, SequenceNode):
@@ -207,7 +196,8 @@ class _NodeReader:
         return section
 
     def _add_fault(self, at: Node, path: tuple[str, ...], message: str, hint: str) -> None:
-        self.faults.append(InputFault(self._locate(at.start_mark), path, message, hint))
+        self.faults.append(InputFault(self.locate(at.start_mark), path, message, hint))
 
-    def _locate(self, mark: StreamMark | None) -> Position:
+    def locate(self, mark: StreamMark | None) -> Position:
+        """Return the position of a mark."""
         return Position(self._source, mark.line + 1, mark.column + 1) if mark else Position(self._source)

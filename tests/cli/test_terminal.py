@@ -103,7 +103,7 @@ def test_what_cannot_run_is_folded_between_words(columns: int, tmp_path: Path) -
     lines = _at_terminal(columns, "check", SWEEP, "--rig", RIG, "--set", "insertion.length_mm=500")
     assert _words_too_long(lines, columns) == []
     assert " ".join(" ".join(lines).split()).count("cannot run on rig simulated") == 1
-    first = next(number for number, line in enumerate(lines) if "insertion.length_mm" in line)
+    first = next(number for number, line in enumerate(lines) if "axes.insertion" in line)
     assert lines[first + 1].startswith("  ")
 
 

@@ -62,11 +62,9 @@ def test_a_gel_that_does_not_fit_its_specimen_is_refused_at_its_line(
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ("mixed_on: 2026-11-21T09:30+01:00\n", "cast_on is 2026-11-20T09:30+01:00, before mixed_on"),
         ("usable_until: 2026-11-19T09:30+01:00\n", "before cast_on"),
-        ("mixed_on: 2026-11-20\n", "expected date, time and distance from UTC"),
-        ("mixed_on: 20261120\n", "mixed_on is 20261120, must be a valid string"),
-        ("refractive_index_sd: 0.01\n", "refractive_index is missing"),
+        ("usable_until: 2026-11-20\n", "expected date, time and distance from UTC"),
+        ("usable_until: 20261120\n", "usable_until is 20261120, must be a valid string"),
         ("cured: 24\n", "unknown key cured"),
         ("experiment: steerability\n", "this is a protocol, expected a specimen file"),
     ],

@@ -20,8 +20,8 @@ def test_the_example_protocol_suits_the_simulated_rig() -> None:
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
-        (["insertion.length_mm=500"], {"insertion": ("500 mm", "[-5, 200]")}),
-        (["insertion.speed_mm_s=50"], {"insertion": ("speed 50 mm/s", "0 to 20")}),
+        (["insertion.length_mm=500"], {"insertion": ("500 mm", "[-2, 120]")}),
+        (["insertion.speed_mm_s=50"], {"insertion": ("speed 50 mm/s", "0 to ")}),
         (
             ["sheath.speed_mm_s=60", "sheath.depth_mm=400"],
             {"linear": ("400 mm", "150"), "linear ": ("speed 60 mm/s", "0 to")},

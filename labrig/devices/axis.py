@@ -6,7 +6,14 @@ from dataclasses import replace
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.drives.drive import Drive, DriveReading, Homing, Setpoint
-from labrig.devices.position_supervision import AtRest, Expected, InMotion, expect_move
+from labrig.devices.position_supervision import (
+    AT_REST,
+    Expected,
+    PositionReading,
+    PositionWatch,
+    expect_move,
+    expect_rest,
+)
 from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, LimitError, SafetyStopError
 
 _STOP_MARGIN_S = 0.5
@@ -35,6 +42,8 @@ class Axis:
     ----------
     expected : Expected or None
         What the axis has to do; None while nobody can tell, as in a homing.
+    last : PositionReading or None
+        The last reading that was judged; None if its zero is another one by now.
     sent_target : float or None
         Target that was last sent [mm or rad]; None if it is not known.
     """
@@ -50,12 +59,18 @@ class Axis:
         self.description = description
         self.drive = drive
         self._clock = clock
-        self.expected: Expected | None = AtRest()
+        self._watch = PositionWatch(name, description)
+        self.expected: Expected | None = AT_REST
+        self.last: PositionReading | None = None
         self.sent_target: float | None = None
-        self._moves = False
         self._then: tuple[float, float] | None = None
         self._due_s: float | None = None
         self._inside_since_s: float | None = None
+
+    @property
+    def speed(self) -> float:
+        """Highest speed of the move that it makes [mm/s or rad/s]; 0 at rest and while it homes."""
+        return 0.0 if self.expected is None else self.expected.speed
 
     # Moving
 
@@ -143,7 +158,6 @@ class Axis:
     def _go(self, here: tuple[float, float], goal: float, speed: float) -> None:
         """Send a move, from where the axis was read at an instant [s] or later [mm or rad]."""
         self._inside_since_s = None
-        self._moves = True
         self.drive.start_move(goal, speed)
         move = self.drive.round_move(goal, speed)
         self.sent_target = move.position
@@ -175,8 +189,8 @@ class Axis:
             reached = False
         if reached:
             self._due_s = None
-            if isinstance(self.expected, InMotion):
-                self.expected = AtRest(self.expected.profile.end_position)
+            if self.expected is not None and self.expected.speed:
+                self.expected = expect_rest(self.expected.profile.end_position)
         elif self._due_s is not None and self._inside_since_s is None and self._clock.now_s() > self._due_s:
             raise DriveError(
                 f"axis {self.name} stands at {read.position:.4g} {self.unit} "
@@ -184,6 +198,13 @@ class Axis:
                 "look for what blocks it; see position_window in the rig file",
             )
         return read if reached == read.target_reached else replace(read, target_reached=reached)
+
+    def judge(self, reading: PositionReading) -> DriveStrayedError | None:
+        """Return the error of a reading at which the axis is not where it has to be."""
+        last, self.last = self.last, reading
+        if self.expected is AT_REST:
+            self.expected = expect_rest(reading.position)
+        return None if self.expected is None else self._watch.judge(self.expected, last, reading)
 
     def require_target(self) -> None:
         """Require that the drive has the target that was last sent; the first that is read after homing counts as sent.
@@ -205,7 +226,7 @@ class Axis:
 
     def _has_arrived(self, *, arrived: bool) -> bool:
         """Tell whether every reading during the window time said so, with its position in the window."""
-        if not self._moves:
+        if not self.speed:
             return True
         now_s = self._clock.now_s()
         if not arrived:
@@ -220,7 +241,7 @@ class Axis:
     def halt(self) -> None:
         """Start to decelerate, then hold. Raises `DriveError`, `BusError`."""
         self._due_s = self._then = None
-        self.expected = AtRest()
+        self.expected = AT_REST
         self.drive.stop()
 
     def wait_until_still(self) -> Iterator[None]:
@@ -273,8 +294,8 @@ class Axis:
 
     def _rest_anew(self) -> None:
         """Stand where the axis is, with a position and a target that count from another zero than before."""
-        self._moves = False
-        self.expected, self.sent_target = AtRest(), None
+        self.expected, self.sent_target = AT_REST, None
+        self.last = None
 
     def snapshot(self, *, has_power: bool) -> dict[str, object]:
         """Return position and state, ready for JSON; the position alone while power is off."""

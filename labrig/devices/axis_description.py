@@ -15,7 +15,7 @@ from labrig.devices.input_channel import ChannelName, InputChannel
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
 from labrig.plugins import INTERFACE
-from labrig.protocol.model import Conflict, LimitMa, Model
+from labrig.protocol.model import Conflict, Interval, LimitMa, Model
 
 AXES = ("insertion", "rotation", "linear")
 """Every axis of the instrument."""
@@ -77,7 +77,7 @@ class AxisDescription(Model):
     """Travel a turn of the screw; null: unknown, or an axis that turns [mm]."""
     reversed: bool = False
     """Whether the axis goes backwards when the motor's counter goes up."""
-    limits: tuple[float, float]
+    limits: Interval
     """Lowest and highest position that a move may have [mm or rad]."""
     max_speed: Positive
     """Highest speed that a move may have [mm/s or rad/s]."""
@@ -221,13 +221,9 @@ class AxisDescription(Model):
             )
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield limits in the wrong order, a lead where there is none, and inputs that the drive does not have."""
-        low, high = self.limits
-        if low >= high:
-            yield Conflict(
-                "limits", f"limits are [{low:g}, {high:g}], expected the lower one first", "exchange them"
-            )
-        elif self.backlash >= high - low:
+        """Yield a backlash that leaves no room, a lead where there is none, and inputs that the drive does not have."""
+        (low, high), known = self.limits, (*self.analog_inputs, *self.digital_inputs)
+        if self.backlash >= high - low:
             yield Conflict(
                 "backlash", f"backlash is {self.backlash:g}, as long as the axis", "enter what was measured"
             )
@@ -239,11 +235,7 @@ class AxisDescription(Model):
             )
         if self.unit == "rad" and self.lead_mm is not None:
             yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
-        known = (*self.analog_inputs, *self.digital_inputs)
         for name, channel in self.inputs.items():
             if channel.source not in known:
-                yield Conflict(
-                    f"inputs.{name}.source",
-                    f"{channel.source} is no input of this drive",
-                    f"it has {', '.join(known) or 'none that labrig knows'}",
-                )
+                hint = f"it has {', '.join(known) or 'none that labrig knows'}"
+                yield Conflict(f"inputs.{name}.source", f"{channel.source} is no input of this drive", hint)

@@ -17,7 +17,7 @@ from labrig.devices.check_result import CheckResult, CheckStatus, failed, passed
 from labrig.devices.clocks import SystemClock
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
-from labrig.devices.needle_state import NeedleState, require_own_state
+from labrig.devices.needle_state import load_state
 from labrig.devices.rig_file import RigDescription, find_problems
 from labrig.errors import InputError, LabrigError, LockedError, OutputExistsError, SecondMasterError
 from labrig.text import format_count
@@ -67,10 +67,6 @@ def check_bus(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iter
         link = hardware.open_link()
     except LabrigError as error:
         yield failed("bus", error)
-        for name, axis in rig.axes.items():
-            yield CheckResult(
-                f"drive {name}", CheckStatus.FAIL, f"node {axis.node_id} not reached", "see bus"
-            )
         return
     stack.callback(link.close)
     yield _listen(rig, link, hardware.clock, f"{where}, {rig.can.bitrate} bit/s")
@@ -188,12 +184,10 @@ def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap, path: Pat
 
 
 def _check_state(rig: RigDescription) -> CheckResult:
-    if rig.state_path is not None:
-        try:
-            require_own_state(rig.state_path)
-        except OutputExistsError as error:
-            return failed("rig state", error)
-    state = NeedleState(rig.state_path).state
+    try:
+        state = load_state(rig.state_path)
+    except OutputExistsError as error:
+        return failed("rig state", error)
     if state.needle_in_tissue is False:
         return passed("rig state", "no needle in tissue")
     status = CheckStatus.FAIL if state.needle_in_tissue else CheckStatus.WARN

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
-from labrig.devices.needle_state import require_own_state
+from labrig.devices.needle_state import load_state
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LockedError
 from labrig.record.lock import FileLock, LockOwner, read_lock_owner
@@ -38,7 +38,7 @@ def acquire_rig(rig: RigDescription, doing: str) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             if rig.state_path is not None:
-                require_own_state(rig.state_path)
+                load_state(rig.state_path)
                 stack.enter_context(FileLock(_lock_path(rig.state_path)).acquire(doing))
             if name := name_bus(rig.can):
                 stack.enter_context(_claim(name))
@@ -74,8 +74,7 @@ def name_bus(can: CanDescription) -> str:
         return ""
     options = () if can.interface in _NAMED_BY_CHANNEL else sorted(can.options.items())
     channel = os.path.realpath(can.channel) if can.channel.startswith("/") else can.channel
-    words = ("".join(filter(str.isalnum, word)) for word in (can.interface, channel, *map(str, options)))
-    return "-".join(filter(None, ("can", *words)))
+    return " ".join((can.interface, channel, *(f"{key}={value}" for key, value in options)))
 
 
 def _lock_path(state_path: Path) -> Path:

@@ -1,6 +1,6 @@
 """The hardware of a rig, real or simulated. Only this file chooses between them, by the rig file."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 from labrig.devices.bus import CanLink, open_can
@@ -8,7 +8,6 @@ from labrig.devices.camera import Camera, CameraContext, PictureSource, close_so
 from labrig.devices.clocks import SystemClock
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.operator import Operator
-from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.devices.worker import WorkerThread
@@ -47,9 +46,6 @@ class BenchHardware:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return nothing: the truth of a bench is unknown."""
         return ()
-
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Do nothing: real gels keep their tracks."""
 
     def close(self) -> None:
         """End the workers, once everything is on disk; a camera that hangs is not waited for."""

@@ -26,9 +26,15 @@ ZEROS = {
 
 
 def require_homing_allowed(
-    axis: AxisDescription, name: str, method: int, *, needle_mounted: bool, referenced: Collection[str]
+    axis: AxisDescription,
+    name: str,
+    method: int,
+    *,
+    needle_mounted: bool,
+    referenced: Collection[str],
+    limit_ma: int | None,
 ) -> None:
-    """Refuse a homing that could bend a needle or run the instrument into something.
+    """Refuse a homing that could bend a needle, run the instrument into something, or never end.
 
     Parameters
     ----------
@@ -42,39 +48,30 @@ def require_homing_allowed(
         Whether a needle is in the clamp.
     referenced : collection of str
         Axes that have their reference.
+    limit_ma : int or None
+        Limit of the output current [mA]; None keeps the drive's own.
 
     Raises
     ------
     SafetyStopError
         Says what to do instead.
+    LimitError
+        When the limit keeps the axis from feeling its stop.
     """
     if method == HOMING_HERE:
         return
-    refused = f"axis {name} is not homed by method {method}"
-    if needle_mounted and name != "linear":
-        raise SafetyStopError(
-            f"{refused} with a needle mounted: the search could bend it",
-            f"take the needle out, or set the zero where it stands: labrig devices home --axis {name} --method 35",
-        )
-    if needle_mounted and axis.homing_direction(method) > 0:
-        raise SafetyStopError(
-            f"{refused} with a needle mounted: it would search towards the gel",
-            "take the needle out, or give the axis a method that searches backwards",
-        )
-    if name != "linear" and "linear" not in referenced:
-        raise SafetyStopError(
-            f"{refused} before the linear module: it might stand in the frame",
-            "first: labrig devices home --axis linear",
-        )
-
-
-def require_homing_current(axis: AxisDescription, name: str, method: int, limit_ma: int | None) -> None:
-    """Refuse a homing that could not end at a limit of the output current [mA]; None keeps the drive's own.
-
-    Raises
-    ------
-    LimitError
-    """
+    why, hint, is_other = "", "", name != "linear"
+    if needle_mounted and is_other:
+        why = "with a needle mounted: the search could bend it"
+        hint = f"take the needle out, or set the zero where it stands: labrig devices home --axis {name} --method 35"
+    elif needle_mounted and axis.homing_direction(method) > 0:
+        why = "with a needle mounted: it would search towards the gel"
+        hint = "take the needle out, or give the axis a method that searches backwards"
+    elif is_other and "linear" not in referenced:
+        why = "before the linear module: it might stand in the frame"
+        hint = "first: labrig devices home --axis linear"
+    if why:
+        raise SafetyStopError(f"axis {name} is not homed by method {method} {why}", hint)
     threshold_ma = axis.homing_current_ma(method)
     if threshold_ma is not None and limit_ma is not None and threshold_ma >= limit_ma:
         raise LimitError(

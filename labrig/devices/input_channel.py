@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field
 
 from labrig.errors import INPUT_BEYOND_LIMIT, ForceGuardError
-from labrig.protocol.model import Conflict, Model
+from labrig.protocol.model import Conflict, Interval, Model
 
 ANALOG = "analog-"
 """Begins the name of an analog input of a drive."""
@@ -30,7 +30,7 @@ class InputChannel(Model):
     """Scale of an analog input: unit a volt, negative where the sensor is turned round."""
     zero_v: float = 0.0
     """Voltage of an analog input at which its value is zero [V]."""
-    limits: tuple[float, float] | None = None
+    limits: Interval | None = None
     """Lowest and highest value of an analog input at which a run goes on [unit]. null: only recorded."""
     expected: bool | None = None
     """State of a digital input, true for on, without which a run stops: a closed door, a closed
@@ -42,7 +42,7 @@ class InputChannel(Model):
         return self.source.startswith(ANALOG)
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield keys of the other kind of input, and limits in the wrong order."""
+        """Yield keys of the other kind of input, and those that an analog one lacks."""
         analog = {"unit": self.unit, "units_per_volt": self.units_per_volt}
         wrong = {"expected": self.expected} if self.is_analog else {**analog, "limits": self.limits}
         kind = "an analog" if self.is_analog else "a digital"
@@ -54,11 +54,6 @@ class InputChannel(Model):
                 yield Conflict(
                     key, f"{key} is missing or zero for {self.source}", "take it from the sensor's data sheet"
                 )
-        if self.limits is not None and self.limits[0] >= self.limits[1]:
-            low, high = self.limits
-            yield Conflict(
-                "limits", f"limits are [{low:g}, {high:g}], expected the lower one first", "exchange them"
-            )
 
     def convert(self, volts: float) -> float:
         """Return the value of an analog input at a voltage [unit]."""

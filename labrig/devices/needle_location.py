@@ -95,17 +95,13 @@ def are_drives_lost(error: Exception) -> bool:
     return isinstance(error, BusError | DriveSilentError) and not isinstance(error, BusPassiveError)
 
 
-def locate_axis(
-    axis: Axis, last: tuple[float, float] | None, now_s: float, *, referenced: bool, ask: bool
-) -> AxisLocation:
+def locate_axis(axis: Axis, now_s: float, *, referenced: bool, ask: bool) -> AxisLocation:
     """Return where an axis is.
 
     Parameters
     ----------
     axis : Axis
         The axis.
-    last : tuple of float or None
-        When it was read last [s], and where it was [mm or rad].
     now_s : float
         Rig time [s].
     referenced : bool
@@ -114,7 +110,8 @@ def locate_axis(
         Whether the drive is asked, also one in fault. Without it, and for a drive that does not answer or has lost its
         position, the last reading counts.
     """
-    (read_s, position), why_old = last or (None, None), ""
+    read_s, _, position = axis.last or (None, None, None)
+    why_old = ""
     if ask:
         try:
             with suppress(DriveFaultError):  # a drive in fault still answers

@@ -16,12 +16,12 @@ from pydantic import Field, TypeAdapter
 from labrig.devices.axis_description import AXES
 from labrig.durable import write_atomically
 from labrig.errors import OutputExistsError, SafetyStopError
-from labrig.input_file import open_file, parse_json, read_file
+from labrig.input_file import parse_json, read_file
 from labrig.steering.torsion import TorsionalLag
 
 _KIND = "labrig-rig-state"
 _VERSION = 1
-_BEGIN_BYTES = 4096
+_HEAD = {"kind": _KIND, "schema_version": _VERSION}
 
 Do = Callable[[Callable[[], None]], None]
 """Does something that may block, and returns when it is done."""
@@ -138,7 +138,7 @@ class NeedleState:
     def __init__(self, path: Path | None, state: RigState = NEW, do: Do = lambda call: call()) -> None:
         self._path = path
         self._do = do
-        self.state = state if path is None else _load(path)
+        self.state = state if path is None else load_state(path)
 
     def update(self, **changes: object) -> None:
         """Change the state and put it on disk before returning. Raises `DiskError`."""
@@ -200,47 +200,37 @@ class NeedleState:
         self.update(roll_zero=roll_zero)
 
 
-def require_own_state(path: Path) -> None:
-    """Refuse to replace a file that is no rig's state; an empty file, or none, will do.
-
-    Raises
-    ------
-    OutputExistsError
-    """
-    if path.exists() and not (path.is_file() and _is_state_or_empty(path)):
-        raise OutputExistsError(
-            f"{path} is named as the state file of the rig and holds something else",
-            "name another file under state_file: in the rig file; move a damaged state file away, and the next run "
-            "asks whether a needle is in tissue",
-        )
-
-
-def _is_state_or_empty(path: Path) -> bool:
-    try:
-        with open_file(path) as file:
-            begin = file.read(_BEGIN_BYTES)
-    except OSError:
-        return False
-    return not begin or f'"{_KIND}"'.encode() in begin
-
-
 def _drop_void_roll_zero(state: RigState) -> RigState:
     """Drop a roll zero that does not refer to the present zero of the rotation axis."""
     return state if "rotation" in state.referenced else replace(state, roll_zero=None)
 
 
-def _load(path: Path) -> RigState:
+def load_state(path: Path | None) -> RigState:
+    """Return the state in a file; one that is missing, empty or damaged leaves in doubt where the needle is.
+
+    Raises
+    ------
+    OutputExistsError
+        For a file of something else: it would be replaced.
+    """
+    if path is None:
+        return NEW
     if not path.exists():
         return RigState(None, note="this rig has no state file yet")
+    text = b""
     try:
-        document = parse_json(read_file(path))
-        if not isinstance(document, dict) or (document.get("kind"), document.get("schema_version")) != (
-            _KIND,
-            _VERSION,
-        ):
+        text = read_file(path)
+        document = parse_json(text)
+        if not isinstance(document, dict) or {**document, **_HEAD} != document:
             raise ValueError(f"it is no {_KIND} of version {_VERSION}")
         return parse_rig_state(document)
     except (OSError, ValueError) as error:
+        if text and f'"{_KIND}"'.encode() not in text:
+            raise OutputExistsError(
+                f"{path} is named as the state file of the rig and holds something else",
+                "name another file under state_file: in the rig file; move a damaged state file away, and the next run "
+                "asks whether a needle is in tissue",
+            ) from error
         reason = str(error).splitlines()[0]
         return RigState(None, note=f"the rig's state file {path.name} cannot be read ({reason})")
 
@@ -251,5 +241,5 @@ def parse_rig_state(document: object) -> RigState:
 
 
 def _save(path: Path, state: RigState) -> None:
-    document = {"kind": _KIND, "schema_version": _VERSION, **asdict(state)}
+    document = {**_HEAD, **asdict(state)}
     write_atomically(path, (json.dumps(document, indent=2) + "\n").encode())

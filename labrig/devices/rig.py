@@ -1,7 +1,7 @@
 """The opened rig: axes, camera, clock, operator and state; and the rules that hold across them."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -18,12 +18,11 @@ from labrig.devices.drives.drive import HERE, DriveReading, Homing, Identity, Se
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import Ended, HeartbeatClock
-from labrig.devices.homing import require_homing_allowed, require_homing_current
+from labrig.devices.homing import require_homing_allowed
 from labrig.devices.needle_location import NeedleLocation, are_drives_lost, locate_axis
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest, Paused
-from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_calls import Photograph
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.supervisor import Interrupted, Supervisor
@@ -145,10 +144,6 @@ class Rig:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return the truth of the insertion that the camera shows, one dict; nothing if it is unknown."""
         return () if self.description.camera.recorded else self._hardware.truth()
-
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Repeat in a simulated world what earlier sessions of this run did, once the needle is mounted."""
-        self._hardware.recall(insertions)
 
     def describe(self) -> dict[str, object]:
         """Return the rig and the state of its devices, ready for JSON."""
@@ -403,11 +398,8 @@ class Rig:
         return self._locate_needle(self._unknown_motion, ask=True)
 
     def _locate_needle(self, unknown_motion: str, *, ask: bool) -> NeedleLocation:
-        last, now_s, known = self._supervisor.positions, self.clock.now_s(), self.state.referenced
-        axes = (
-            locate_axis(axis, last.get(name), now_s, referenced=name in known, ask=ask)
-            for name, axis in self._axes.items()
-        )
+        now_s, known = self.clock.now_s(), self.state.referenced
+        axes = (locate_axis(axis, now_s, referenced=axis.name in known, ask=ask) for axis in self.axes)
         return NeedleLocation(unknown_motion, self.state, tuple(axes))
 
     # The needle
@@ -452,11 +444,15 @@ class Rig:
         Raises `SafetyStopError`, `LimitError`.
         """
         self.needle.refuse_in_tissue(f"axis {name} is not homed", self.description.option)
-        axis, referenced = self.axis(name), self.state.referenced
+        axis = self.axis(name)
         require_homing_allowed(
-            axis.description, name, method, needle_mounted=needle_mounted, referenced=referenced
+            axis.description,
+            name,
+            method,
+            needle_mounted=needle_mounted,
+            referenced=self.state.referenced,
+            limit_ma=self._opening.limit_ma(axis),
         )
-        require_homing_current(axis.description, name, method, self._opening.limit_ma(axis))
 
     def home_axis(self, name: str, method: int, *, needle_mounted: bool) -> None:
         """Home one axis by this method, with the settings of the rig file; the operator has confirmed it.

@@ -20,7 +20,7 @@ an error of these  the event `run_stop`: the class of the error, its message and
 Each line has its place in the order of all lines, `seq`, and its time, `t_s`: times are answers too.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -30,7 +30,6 @@ from labrig.devices.camera import Picture
 from labrig.devices.drives.drive import DriveReading, Setpoint
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
-from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription
 
 _T = TypeVar("_T")
@@ -121,10 +120,6 @@ class RigCalls(Protocol):
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return the truth of the present insertion, one dict; nothing if it is unknown."""
         return ()
-
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:  # noqa: ARG002 - their tracks do not show
-        """Repeat in a simulated world what earlier sessions of the run did."""
-        return
 
     def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
         """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""

@@ -49,11 +49,8 @@ class AxesDescription(Model):
             for channel in axis.inputs:
                 other = wired.setdefault(channel, name)
                 if other != name:
-                    yield Conflict(
-                        f"{name}.inputs.{channel}",
-                        f"input {channel} is also one of axis {other}",
-                        "give every input a name of its own",
-                    )
+                    message = f"input {channel} is also one of axis {other}"
+                    yield Conflict(f"{name}.inputs.{channel}", message, "give every input a name of its own")
             expected = "rad" if name == "rotation" else "mm"
             if axis.unit != expected:
                 yield Conflict(f"{name}.unit", f"unit of axis {name} is {axis.unit}, expected {expected}")
@@ -121,43 +118,35 @@ class RigDescription(Model):
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield parts that do not belong together: a rig is simulated as a whole or not at all."""
-        simulated = self.kind == ONLY_SIMULATED
-        if (self.world is not None) != simulated:
-            needs = "needs a section world" if simulated else "has no section world"
-            yield Conflict("world" if self.world else "kind", f"a rig of kind {self.kind} {needs}")
-        fits = {
-            "can.interface": (self.can.interface, (self.can.interface == ONLY_SIMULATED) == simulated),
-            "camera.driver": (self.camera.driver, self.kind in self.camera.rig_kinds),
-        }
-        for key, (chosen, fit) in fits.items():
-            if not fit:
-                yield Conflict(key, f"{key} is {chosen}, which does not go with kind {self.kind}")
-        if self.faults and not simulated:
-            yield Conflict("faults", "faults are for simulated rigs, a bench has its own")
+        simulated, unfit = self.kind == ONLY_SIMULATED, f"does not go with kind {self.kind}"
+        wrong: dict[str, str] = {}
+        if (self.can.interface == ONLY_SIMULATED) != simulated:
+            wrong["can.interface"] = f"{self.can.interface} {unfit}"
+        if self.kind not in self.camera.rig_kinds:
+            wrong["camera.driver"] = f"{self.camera.driver} {unfit}"
+        if simulated and self.world is None:
+            wrong["kind"] = f"a rig of kind {self.kind} needs a section world"
+        for key in () if simulated else ("world", "faults"):
+            if getattr(self, key):
+                wrong[key] = f"a rig of kind {self.kind} has no section {key}"
+        if not simulated and self.state_file is None:
+            wrong["state_file"] = "a bench needs a state_file: it must not forget a needle in tissue"
+        if self.world is not None:
+            seen, drawn = (f"{of.width_px}x{of.height_px}" for of in (self.camera, self.world.lens))
+            if seen != drawn:
+                message = f"the camera is set to {seen} px, the world's lens draws {drawn} px"
+                wrong["camera.width_px"] = message
+        yield from (Conflict(key, message) for key, message in wrong.items())
+        yield from self._find_shared_nodes()
+
+    def _find_shared_nodes(self) -> Iterator[Conflict]:
         owners = {self.can.heartbeat.computer_node_id: "that under which the computer beats"}
         for name, axis in self.axes.items():
             other = owners.setdefault(axis.node_id, f"that of axis {name}")
             if other != f"that of axis {name}":
-                yield Conflict(
-                    f"axes.{name}.node_id",
-                    f"node_id {axis.node_id} is also {other}",
-                    "give every drive a node id of its own, by its switches",
-                )
-        if not simulated and self.state_file is None:
-            yield Conflict("state_file", "a bench needs a state_file: it must not forget a needle in tissue")
-        if self.world is not None:
-            yield from self._find_lens_conflicts(self.world)
-
-    def _find_lens_conflicts(self, world: WorldDescription) -> Iterator[Conflict]:
-        size, lens = (
-            (self.camera.width_px, self.camera.height_px),
-            (world.lens.width_px, world.lens.height_px),
-        )
-        if size != lens:
-            message = (
-                f"the camera is set to {size[0]}x{size[1]} px, the world's lens draws {lens[0]}x{lens[1]} px"
-            )
-            yield Conflict("camera.width_px", message)
+                message = f"node_id {axis.node_id} is also {other}"
+                hint = "give every drive a node id of its own, by its switches"
+                yield Conflict(f"axes.{name}.node_id", message, hint)
 
     def placed_in(self, folder: Path, file: Path | None = None) -> Self:
         """Return this description as of a file in `folder`, to which its file names are relative.

@@ -19,7 +19,7 @@ import math
 from contextlib import suppress
 
 from labrig.devices.axis import Axis
-from labrig.devices.position_supervision import TIME_MARGIN_S, InMotion, PositionReading, bound_lag
+from labrig.devices.position_supervision import TIME_MARGIN_S, PositionReading
 from labrig.errors import STALLED, ForceGuardError, MachineError
 
 CURRENT_FRACTION = 0.8
@@ -54,10 +54,8 @@ class StallWatch:
     @property
     def period_s(self) -> float:
         """How often the axis has to be looked at [s]."""
-        expected = self._axis.expected
-        if not isinstance(expected, InMotion) or not expected.speed:
-            return math.inf
-        return max(SHORTEST_PERIOD_S, self._max_lag / expected.speed / READINGS_TO_FAULT)
+        speed = self._axis.speed
+        return max(SHORTEST_PERIOD_S, self._max_lag / speed / READINGS_TO_FAULT) if speed else math.inf
 
     def _is_suspect(self, lag: float) -> bool:
         """Tell whether a following error [mm or rad] is worth a look at the current."""
@@ -67,9 +65,9 @@ class StallWatch:
         """Spare a look at an axis that cannot lag by its position."""
         expected = self._axis.expected
         # A fast axis has gone too far while its position was read.
-        if not isinstance(expected, InMotion) or self._is_suspect(2 * TIME_MARGIN_S * expected.speed):
+        if expected is None or not expected.speed or self._is_suspect(2 * TIME_MARGIN_S * expected.speed):
             return
-        if not self._is_suspect(bound_lag(expected, reading)):
+        if not self._is_suspect(expected.bound_lag(reading)):
             self._looked_s, self._since_s = reading.until_s, None
 
     def look(self, now_s: float) -> None:

@@ -36,7 +36,7 @@ from labrig.devices.bus_watch import BusWatch
 from labrig.devices.drives.drive import DriveReading, raise_together
 from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.opening import Opening
-from labrig.devices.position_supervision import InMotion, PositionReading, PositionWatch
+from labrig.devices.position_supervision import PositionReading
 from labrig.devices.stall import StallWatch
 from labrig.errors import POSITION_JUMPED, InterruptedRunError
 
@@ -73,8 +73,6 @@ class Supervisor:
         Returns a signal that has arrived; None while none is heeded.
     last_s : float
         When the axes were read last [s].
-    positions : mapping of str to tuple of float
-        Axis -> when it was read last [s], and where it was [mm or rad].
     jumped : set of str
         Axes whose position has jumped: nobody knows their zero.
     """
@@ -90,13 +88,11 @@ class Supervisor:
         self.has_power = False
         self.heeded: Interrupted | None = interrupted
         self.last_s = 0.0
-        self.positions: dict[str, tuple[float, float]] = {}
         self.jumped: set[str] = set()
         self._axes = axes
         self._watch = watch
         self._heartbeat = heartbeat
         self._opening = opening
-        self._places = {name: PositionWatch(name, axis.description) for name, axis in axes.items()}
         self._stalls: dict[str, StallWatch] = {}
         self._targets_due = list(axes.values())
         self._targets_read_s = 0.0
@@ -155,7 +151,6 @@ class Supervisor:
             name: axis.read(self.last_s) if at_sync else axis.drive.read()
             for name, axis in self._axes.items()
         }
-        self.positions |= {name: (self.last_s, state.position) for name, state in states.items()}
         until_s = self._heartbeat.now_s()
         places = {name: PositionReading(self.last_s, until_s, each.position) for name, each in states.items()}
         self._require_places(places)
@@ -167,14 +162,9 @@ class Supervisor:
 
     def _require_places(self, places: Mapping[str, PositionReading]) -> None:
         """Raise the `DriveStrayedError`s of all axes that are not where they should be."""
-        errors = []
-        for name, axis in self._axes.items():
-            error = self._places[name].judge(axis.expected, places[name])
-            if error is not None:
-                errors.append(error)
-                if error.fault is POSITION_JUMPED:
-                    self.jumped.add(name)
-        raise_together(errors)
+        strays = [stray for name, axis in self._axes.items() if (stray := axis.judge(places[name]))]
+        self.jumped |= {stray.axis for stray in strays if stray.fault is POSITION_JUMPED}
+        raise_together(strays)
 
     def _require_targets(self) -> None:
         """Read back, if it is time to, the targets of axes in motion; where none moves, of one after another."""
@@ -182,7 +172,7 @@ class Supervisor:
             return
         self._targets_read_s = self.last_s
         self._targets_due.append(self._targets_due.pop(0))
-        moving = [axis for axis in self._axes.values() if isinstance(axis.expected, InMotion)]
+        moving = [axis for axis in self._axes.values() if axis.speed]
         for axis in moving or self._targets_due[:1]:
             axis.require_target()
 

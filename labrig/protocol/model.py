@@ -104,6 +104,15 @@ def _require_name(text: str) -> str:
     return _require_visible(text)
 
 
+def _require_rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] >= ends[1]:
+        raise ValueError(f"[{ends[0]:g}, {ends[1]:g}] must have the lower one first")
+    return ends
+
+
+Interval: TypeAlias = Annotated[tuple[float, float], AfterValidator(_require_rising)]
+"""A lowest and a highest value."""
+
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_require_name)]
 """Any printable text that names a thing; two names are equal only if all their characters are."""
 

@@ -269,11 +269,6 @@ class Session:
         """What the record of an interrupted run holds; nothing of a run that begins."""
         return self.dialogue.past
 
-    def recall_holes(self) -> None:
-        """Repeat in a simulated world what earlier sessions of this run did, once the needle is mounted."""
-        if self.past.holes:
-            self.rig.recall(self.past.holes)
-
     # Pauses, and what a person chooses
 
     def trials(

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from labrig.devices.axis_positions import AxisPositions
-from labrig.devices.past_insertion import PastInsertion
 from labrig.record.events import INTERRUPTED, NO_DECISIONS, Decisions, RecordedTrial
 from labrig.record.layout import INCOMPLETE
 
@@ -46,15 +45,12 @@ class Past:
     begun : tuple of RecordedTrial
     decisions : Decisions
         Of its person.
-    holes : tuple of PastInsertion
-        Its insertions, as a gel remembers them.
     needle_path : tuple of AxisPositions
         The path of a needle that may still be in tissue; empty if it was out.
     """
 
     begun: tuple[AnyTrial, ...] = ()
     decisions: Decisions = NO_DECISIONS
-    holes: tuple[PastInsertion, ...] = ()
     needle_path: tuple[AxisPositions, ...] = ()
 
     @property

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from labrig.protocol.model import (
     Conflict,
+    Interval,
     MarkerDictionary,
     MarkerId,
     Model,
@@ -157,19 +158,11 @@ class DisturbancesDescription(Model):
     """Length after which the curvature has forgotten its deviation [mm]."""
     cavities: Annotated[int, Field(ge=0, le=20)] = 0
     """Cavities in each path, in which the needle does not steer [-]."""
-    cavity_mm: tuple[float, float] = (6.0, 10.0)
+    cavity_mm: Interval = (6.0, 10.0)
     """Shortest and longest cavity [mm]."""
     slip_sd_fraction: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     """Share of the inserted length by which the tip lags behind, because needle and gel give way: the size of
     a normal draw with this standard deviation, once for a hole [-]."""
-
-    def conflicts(self) -> Iterable[Conflict]:
-        """Yield invalid lengths of cavities."""
-        shortest, longest = self.cavity_mm
-        if not 0 < shortest <= longest:
-            yield Conflict(
-                "cavity_mm", f"[{shortest:g}, {longest:g}] mm; must be positive, the shortest first"
-            )
 
 
 class LayerDescription(Model):
@@ -196,14 +189,8 @@ class PrintedMarkerDescription(Model):
     """Where it is across the steering plane, positive away from the camera [mm]."""
     turn_deg: float = 0.0
     """How it is turned in the plane, from +z towards +y [deg]."""
-    covered_mm: tuple[float, float] | None = None
+    covered_mm: Interval | None = None
     """Lengths of the needle's path between which something covers it; null: nothing does [mm]."""
-
-    def conflicts(self) -> Iterable[Conflict]:
-        """Yield lengths out of order."""
-        if self.covered_mm is not None and self.covered_mm[0] >= self.covered_mm[1]:
-            begins, ends = self.covered_mm
-            yield Conflict("covered_mm", f"[{begins:g}, {ends:g}] mm; the first must be the smaller one")
 
 
 def _paper_gels() -> tuple[GelDescription, ...]:
@@ -256,17 +243,15 @@ class WorldDescription(Model):
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield gels and layers out of order, and a needle that does not fit the sheath."""
-        for index, (earlier, later) in enumerate(pairwise(self.gels), start=1):
-            if later.gelatin_percent <= earlier.gelatin_percent:
-                yield Conflict(
-                    f"gels.{index}.gelatin_percent",
-                    f"{later.gelatin_percent:g} % follows {earlier.gelatin_percent:g} %",
-                    "list each gel once, by rising gelatin",
-                )
-        for index, (upper, lower) in enumerate(pairwise(self.layers), start=1):
-            if lower.until_mm <= upper.until_mm:
-                message = f"{lower.until_mm:g} mm follows {upper.until_mm:g} mm"
-                yield Conflict(f"layers.{index}.until_mm", message, "list the layers by rising until_mm")
+        rising = {
+            "gels": ("gelatin_percent", "%", [gel.gelatin_percent for gel in self.gels]),
+            "layers": ("until_mm", "mm", [layer.until_mm for layer in self.layers]),
+        }
+        for listed, (key, unit, values) in rising.items():
+            for index, (earlier, later) in enumerate(pairwise(values), start=1):
+                if later <= earlier:
+                    message = f"{later:g} {unit} follows {earlier:g} {unit}"
+                    yield Conflict(f"{listed}.{index}.{key}", message, f"list each once, by rising {key}")
         if self.needle.diameter_mm >= self.sheath.diameter_mm:
             message = f"{self.needle.diameter_mm:g} mm; must be below sheath.diameter_mm"
             yield Conflict("needle.diameter_mm", f"{message}, {self.sheath.diameter_mm:g} mm")

@@ -21,7 +21,7 @@ from labrig.simulation.description import (
     WorldDescription,
     stream,
 )
-from labrig.simulation.gel import Ball, Bubble, GelBlock, Hole
+from labrig.simulation.gel import Ball, GelBlock, Hole
 from labrig.simulation.lens import (
     Field32,
     Floats,
@@ -79,38 +79,42 @@ HALO_MM = 1.6  # how far from its centre line a stroke may change the picture
 _CHAMFER_RIM_PX = 8  # a path that leaves the picture still has its nearest node on the canvas
 
 
-@dataclass(frozen=True)
-class Region:
-    """A rectangle of the picture: rows and columns, both half open."""
-
-    top: int
-    bottom: int
-    left: int
-    right: int
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """The index of the region in a picture."""
-        return slice(self.top, self.bottom), slice(self.left, self.right)
+Window = tuple[slice, slice]
+"""A rectangle of the picture: its rows and its columns."""
 
 
-def find_region(pixels: Floats, margin_px: float, lens: LensDescription) -> Region:
+def find_window(pixels: Floats, margin_px: float, lens: LensDescription) -> Window:
     """Return the part of the picture within a margin of pixels (N, 2); it may be empty."""
-    left, top = np.maximum(np.floor(pixels.min(axis=0) - margin_px), 0).astype(int).tolist()
-    right, bottom = (np.ceil(pixels.max(axis=0) + margin_px).astype(int) + 1).tolist()
-    return Region(top, max(top, min(lens.height_px, bottom)), left, max(left, min(lens.width_px, right)))
+    lows = np.maximum(np.floor(pixels.min(axis=0) - margin_px), 0).astype(int)
+    highs = np.ceil(pixels.max(axis=0) + margin_px).astype(int) + 1
+    ends = np.maximum(lows, np.minimum(highs, (lens.width_px, lens.height_px)))
+    (left, top), (right, bottom) = lows.tolist(), ends.tolist()
+    return slice(top, bottom), slice(left, right)
+
+
+def _look_around(
+    points_mm: Floats, margin_px: float, lens: LensDescription
+) -> tuple[Window, Field32, Field32]:
+    """Return the part of the picture about places (N, 2) as (y, z), and its pixels' dy and dz from the first."""
+    plane = pixel_plane(lens)
+    window = find_window(plane_to_pixels(points_mm, lens), margin_px, lens)
+    dy, dz = (
+        np.asarray(flat[window] - np.float32(place), np.float32)
+        for flat, place in zip((plane.y_mm, plane.z_mm), points_mm[0], strict=True)
+    )
+    return window, dy, dz
 
 
 @dataclass(frozen=True)
 class Band:
     """The pixels near a centre line.
 
-    region : the rectangle around them; inside : their rows and columns (N,) in it; lateral_mm (N,) : distance to
+    window : the rectangle around them; inside : their rows and columns (N,) in it; lateral_mm (N,) : distance to
     the line at the line's own distance from the camera, positive on its +y side; arc_mm (N,) : arc length at the foot;
     heading_rad (N,) : heading there as it is seen.
     """
 
-    region: Region
+    window: Window
     inside: Pixels
     lateral_mm: Field32
     arc_mm: Field32
@@ -135,20 +139,21 @@ def find_band(path: Floats, lens: LensDescription, margin_px: int = 0) -> Band |
     seen, scale = see_points(path[:, 1:], lens)
     pixels = plane_to_pixels(seen, lens)
     halo_px = HALO_MM / plane.mm_per_px
-    region = find_region(pixels, halo_px + margin_px, lens)
-    nearest, inside = _find_nearest_nodes(pixels - (region.left, region.top), region, halo_px)
+    window = rows, columns = find_window(pixels, halo_px + margin_px, lens)
+    shape = rows.stop - rows.start, columns.stop - columns.start
+    nearest, inside = _find_nearest_nodes(pixels - (columns.start, rows.start), shape, halo_px)
     if nearest.size == 0:
         return None
-    y, z = plane.y_mm[region.slices][inside], plane.z_mm[region.slices][inside]
+    y, z = plane.y_mm[window][inside], plane.z_mm[window][inside]
     nearest, lateral, along = _find_feet(seen, nearest, y, z)
     headings = np.arctan2(*np.gradient(seen, axis=0).T)
     found = (lateral / scale[nearest], path[nearest, 0] + along, headings[nearest])
-    return Band(region, inside, *(np.asarray(values, np.float32) for values in found))
+    return Band(window, inside, *(np.asarray(values, np.float32) for values in found))
 
 
-def _find_nearest_nodes(pixels: Floats, region: Region, halo_px: float) -> tuple[Indexes, Pixels]:
-    """Return each pixel near the path, and for each a node at most a few nodes from the nearest."""
-    height, width = region.bottom - region.top, region.right - region.left
+def _find_nearest_nodes(pixels: Floats, shape: tuple[int, int], halo_px: float) -> tuple[Indexes, Pixels]:
+    """Return for each pixel near the path a node at most a few nodes from the nearest, and the pixels."""
+    height, width = shape
     pad = int(halo_px) + _CHAMFER_RIM_PX
     canvas = np.full((height + 2 * pad, width + 2 * pad), 255, np.uint8)
     places = np.rint(pixels).astype(int) + pad
@@ -280,23 +285,22 @@ def _bevel_cut_mm(across: Field32, roll_rad: float, needle: NeedleDescription) -
 
 def draw_sheath(picture: Field32, hole: Hole, beyond_origin_mm: float, world: WorldDescription) -> None:
     """Draw the sheath from the picture's edge to its tip: brushed steel, lighter than the needle."""
-    plane = pixel_plane(world.lens)
+    mm_per_px = pixel_plane(world.lens).mm_per_px
     ends = [hole.sheath_point_mm(beyond_origin_mm - before_mm) for before_mm in (0.0, _SHEATH_SEEN_MM)]
     (tip, back), scale = see_points(np.array(ends), world.lens)
     heading_rad = math.atan2(*(tip - back))
-    along_axis = (math.sin(heading_rad), math.cos(heading_rad))
-    axis = np.linspace(tip, back, 13)
-    diameter_mm = world.sheath.diameter_mm * float(scale[0])
-    margin_px = (diameter_mm + HALO_MM) / plane.mm_per_px
-    region = find_region(plane_to_pixels(axis, world.lens), margin_px, world.lens)
-    dy, dz = plane.y_mm[region.slices] - np.float32(tip[0]), plane.z_mm[region.slices] - np.float32(tip[1])
-    lateral = np.asarray(dy * along_axis[1] - dz * along_axis[0], np.float32)
-    behind = np.asarray(-dy * along_axis[0] - dz * along_axis[1], np.float32)
-    inside = np.float32(0.5 * diameter_mm) - np.abs(lateral)
-    share = coverage(inside, plane.mm_per_px) * coverage(behind, plane.mm_per_px)
-    patch = picture[region.slices]
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    radius_mm = 0.5 * world.sheath.diameter_mm * float(scale[0])
+    margin_px = (2 * radius_mm + HALO_MM) / mm_per_px
+    window, dy, dz = _look_around(np.linspace(tip, back, 13), margin_px, world.lens)
+    lateral, behind = (
+        np.asarray(way, np.float32) for way in (dy * cosine - dz * sine, -dy * sine - dz * cosine)
+    )
+    inside = np.float32(radius_mm) - np.abs(lateral)
+    share = coverage(inside, mm_per_px) * coverage(behind, mm_per_px)
+    patch = picture[window]
     patch *= 1 - 0.12 * np.exp(-((np.minimum(inside, 0) / 0.5) ** 2)) * (behind > 0)
-    steel = _draw_sheath_steel(lateral / np.float32(0.5 * diameter_mm), heading_rad, world.light)
+    steel = _draw_sheath_steel(lateral / np.float32(radius_mm), heading_rad, world.light)
     patch += share * (steel - patch)
 
 
@@ -308,50 +312,38 @@ def _draw_sheath_steel(across: Field32, heading_rad: float, light: LightDescript
     return np.asarray(light.level * brushed + glow, np.float32)
 
 
-def _look_around(
-    centre_mm: Floats, reach_mm: float, lens: LensDescription
-) -> tuple[tuple[slice, slice], Field32, Field32]:
-    """Return the part of the picture about a place (y, z), possibly empty, and its pixels' dy and dz from there."""
-    plane = pixel_plane(lens)
-    around = find_region(plane_to_pixels(centre_mm[None], lens), reach_mm / plane.mm_per_px + 2, lens).slices
-    dy, dz = plane.y_mm[around] - np.float32(centre_mm[0]), plane.z_mm[around] - np.float32(centre_mm[1])
-    return around, np.asarray(dy, np.float32), np.asarray(dz, np.float32)
-
-
-def draw_bubble(picture: Field32, bubble: Bubble, shift_mm: float, world: WorldDescription) -> None:
+def draw_bubble(picture: Field32, bubble: list[float], shift_mm: float, world: WorldDescription) -> None:
     """Draw a bubble: a dark refracting rim, a clear middle, a bright spot towards the lamp."""
-    centre_mm = np.array([bubble.lateral_mm + shift_mm, bubble.z_mm])
-    around, dy, dz = _look_around(centre_mm, 1.6 * bubble.radius_mm, world.lens)
-    dy, dz = dy / bubble.radius_mm, dz / bubble.radius_mm
+    lateral_mm, z_mm, radius_mm = bubble
+    centre, margin_px = [lateral_mm + shift_mm, z_mm], 1.6 * radius_mm / pixel_plane(world.lens).mm_per_px + 2
+    window, *places = _look_around(np.array([centre]), margin_px, world.lens)
+    dy, dz = (place / radius_mm for place in places)
     out = np.sqrt(dy**2 + dz**2)
     azimuth = math.radians(world.light.azimuth_deg)
     lit = dy * math.sin(azimuth) + dz * math.cos(azimuth)
     rim = np.exp(-(((out - 0.86) / 0.16) ** 2)) * (1 - 0.35 * lit)
     spot = np.exp(-(((lit - 0.45) / 0.18) ** 2) - ((out - 0.45) / 0.2) ** 2)
-    picture[around] *= 1 - 0.45 * rim + 0.30 * spot + 0.05 * np.exp(-(((out - 1.15) / 0.1) ** 2))
+    picture[window] *= 1 - 0.45 * rim + 0.30 * spot + 0.05 * np.exp(-(((out - 1.15) / 0.1) ** 2))
 
 
 def draw_ball(picture: Field32, ball: Ball, world: WorldDescription) -> None:
     """Draw an obstacle of tinted, translucent gel: darker with its thickness, and with a faint rim."""
     centre, scale = see_points(np.array([ball.centre_mm]), world.lens)
     radius_mm = ball.radius_mm * float(scale[0])
-    around, dy, dz = _look_around(centre[0], 1.2 * radius_mm, world.lens)
+    margin_px = 1.2 * radius_mm / pixel_plane(world.lens).mm_per_px + 2
+    window, dy, dz = _look_around(centre, margin_px, world.lens)
     out = np.sqrt(dy**2 + dz**2) / np.float32(radius_mm)
     inside = np.sqrt(np.clip(1 - out**2, 0, 1))
     rim = np.exp(-(((out - 0.98) * np.float32(radius_mm) / 0.25) ** 2))
-    picture[around] *= 1 - 0.28 * inside - 0.06 * rim
+    picture[window] *= 1 - 0.28 * inside - 0.06 * rim
 
 
 _CUT_WIDTH_MM = 0.4  # of the slit that a withdrawn needle leaves
 _AIR = 1.06  # the light table is a little brighter where no gel lies on it
 
 
-@dataclass(frozen=True)
-class Backdrop:
-    """A scene without the needle (H, W): sharp, and as the lens blurs it."""
-
-    sharp: Field32
-    soft: Field32
+Backdrop = tuple[Field32, Field32]
+"""A scene without the needle (H, W): sharp, and as the lens blurs it."""
 
 
 def draw_gel(world: WorldDescription, specimen: GelBlock, present: Hole, white: Field32) -> Field32:
@@ -364,8 +356,11 @@ def draw_gel(world: WorldDescription, specimen: GelBlock, present: Hole, white: 
         draw_bubble(sharp, bubble, shift_mm, world)
     for hole in specimen.holes.values():
         if hole is not present:
-            draw_channel(sharp, hole, shift_mm - hole.position_mm, world)
-            _draw_path_of(sharp, hole, shift_mm - hole.position_mm, world)
+            aside_mm = shift_mm - hole.position_mm
+            draw_channel(sharp, hole, aside_mm, world)
+            track = hole.track
+            path = np.empty((0, 4)) if track is None else np.add(track.points_mm(), (0, 0, aside_mm, 0))
+            _draw_slit(sharp, path, _CUT_WIDTH_MM, hole.patchiness, world.lens)
     return sharp
 
 
@@ -378,13 +373,6 @@ def _draw_clear_gel(world: WorldDescription, specimen: GelBlock, shift_mm: float
     sharp = white * (_AIR + inside * (1 - _AIR + clouds))
     sharp *= 1 - 0.30 * np.exp(-((depth / 0.22) ** 2)) - 0.10 * np.exp(-(((depth - 0.5) / 0.6) ** 2))
     return np.asarray(sharp, np.float32)
-
-
-def _draw_path_of(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescription) -> None:
-    """Draw the slit that the needle has left at another hole."""
-    if hole.track is not None:
-        path = np.add(hole.track.points_mm(), (0, 0, shift_mm, 0))
-        _draw_slit(sharp, path, _CUT_WIDTH_MM, hole.patchiness, world.lens)
 
 
 def draw_channel(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescription) -> None:
@@ -402,7 +390,7 @@ def _draw_slit(
     """Draw a cut along a whole path."""
     band = find_band(path, lens)
     if band is not None:
-        draw_cut(sharp[band.region.slices], band, PathSpan(0.0, path[-1, 0]), width_mm, patchiness)
+        draw_cut(sharp[band.window], band, PathSpan(0.0, path[-1, 0]), width_mm, patchiness)
 
 
 def draw_backdrop(world: WorldDescription, scene: Field32, hole: Hole, linear_mm: float) -> Backdrop:
@@ -410,7 +398,7 @@ def draw_backdrop(world: WorldDescription, scene: Field32, hole: Hole, linear_mm
     sharp = scene.copy()
     draw_channel(sharp, hole, 0.0, world)
     draw_sheath(sharp, hole, linear_mm - world.sheath_tip_at_origin_linear_mm, world)
-    return Backdrop(sharp, blur(sharp, world.blur_px))
+    return sharp, blur(sharp, world.blur_px)
 
 
 def draw_with_needle(world: WorldDescription, behind: Backdrop, hole: Hole, span: PathSpan) -> Field32:
@@ -418,32 +406,33 @@ def draw_with_needle(world: WorldDescription, behind: Backdrop, hole: Hole, span
 
     `span` is the part of the hole's track, possibly empty, that the needle fills beyond the sheath.
     """
-    light = behind.soft.copy()
-    if hole.track is None:
+    sharp, light = behind[0], behind[1].copy()
+    path = np.empty((0, 4)) if hole.track is None else hole.track.points_mm(span.from_mm)
+    band = find_band(path, world.lens, margin_px=2 * BLUR_REACH_PX + 2)
+    if hole.track is None or band is None:
         return light
-    band = find_band(hole.track.points_mm(span.from_mm), world.lens, margin_px=2 * BLUR_REACH_PX + 2)
-    if band is None:
-        return light
-    patch = behind.sharp[band.region.slices].copy()
+    patch = sharp[band.window].copy()
     if hole.track.length_mm > span.to_mm:
         left = PathSpan(max(0.0, span.from_mm), hole.track.length_mm)
         draw_cut(patch, band, left, _CUT_WIDTH_MM, hole.patchiness)
     if span.to_mm > span.from_mm:
         draw_shadow(patch, band, span, world.light)
         draw_needle(patch, band, span, world)
-    _paste(light, blur(patch, world.blur_px), band.region)
+    _paste(light, blur(patch, world.blur_px), band.window)
     return light
 
 
-def _paste(light: Field32, patch: Field32, region: Region) -> None:
+def _paste(light: Field32, patch: Field32, window: Window) -> None:
     """Put a blurred patch back without the rim whose blur lacks neighbours; the picture's edge has no such rim."""
-    height, width = light.shape
-    top = region.top + (BLUR_REACH_PX if region.top > 0 else 0)
-    left = region.left + (BLUR_REACH_PX if region.left > 0 else 0)
-    bottom = region.bottom - (BLUR_REACH_PX if region.bottom < height else 0)
-    right = region.right - (BLUR_REACH_PX if region.right < width else 0)
-    core = (slice(top - region.top, bottom - region.top), slice(left - region.left, right - region.left))
-    light[top:bottom, left:right] = patch[core]
+    to, of = zip(*map(_leave_rim, window, light.shape), strict=True)
+    light[to] = patch[of]
+
+
+def _leave_rim(part: slice, size: int) -> tuple[slice, slice]:
+    """Return rows or columns without their rim, in the picture and in the patch."""
+    start = part.start + (BLUR_REACH_PX if part.start > 0 else 0)
+    stop = part.stop - (BLUR_REACH_PX if part.stop < size else 0)
+    return slice(start, stop), slice(start - part.start, stop - part.start)
 
 
 _INK, _CARD = 0.12, 1.05  # brightness over that of clear gel
@@ -487,14 +476,14 @@ def draw_marker(
     corners = [
         (marker.x_mm, middle_y + a * reach_mm, middle_z + b * reach_mm) for a in (-1, 1) for b in (-1, 1)
     ]
-    region = find_region(plane_to_pixels(see_points(np.array(corners), lens)[0], lens), _RIM_PX, lens)
-    window = light[region.slices]
-    if window.size == 0:
+    window = find_window(plane_to_pixels(see_points(np.array(corners), lens)[0], lens), _RIM_PX, lens)
+    patch = light[window]
+    if patch.size == 0:
         return
     camera_x, foot_y, foot_z = camera_place_mm(lens)
     depth, turn = (camera_x - marker.x_mm) / camera_x, math.radians(marker.turn_deg)
-    y = foot_y + (plane.y_mm[region.slices] - foot_y) * depth - middle_y
-    z = foot_z + (plane.z_mm[region.slices] - foot_z) * depth - middle_z
+    y = foot_y + (plane.y_mm[window] - foot_y) * depth - middle_y
+    z = foot_z + (plane.z_mm[window] - foot_z) * depth - middle_z
     along_mm, down_mm = z * math.cos(turn) + y * math.sin(turn), z * math.sin(turn) - y * math.cos(turn)
     fine = math.ceil(cell_mm / plane.mm_per_px) * _SAMPLES
     columns, rows = (
@@ -507,8 +496,8 @@ def draw_marker(
         )
         for sheet in (cells, np.ones_like(cells))
     )
-    window *= 1 - blur(np.asarray(cover, np.float32), world.blur_px)
-    window += blur(np.asarray(white[region.slices] * ink, np.float32), world.blur_px)
+    patch *= 1 - blur(np.asarray(cover, np.float32), world.blur_px)
+    patch += blur(np.asarray(white[window] * ink, np.float32), world.blur_px)
 
 
 def _average(sheet: Field32) -> Field32:

@@ -100,15 +100,6 @@ def make_empty_hole() -> Hole:
 
 
 @dataclass(frozen=True)
-class Bubble:
-    """An air bubble: centre in gel coordinates and radius [mm]."""
-
-    lateral_mm: float
-    z_mm: float
-    radius_mm: float
-
-
-@dataclass(frozen=True)
 class Ball:
     """An obstacle cast into a gel: centre (x, y, z) in the steering plane's frame, and radius [mm]."""
 
@@ -133,8 +124,8 @@ class GelBlock:
     holes: dict[tuple[int | None, float], Hole] = field(default_factory=dict)
 
     @cached_property
-    def bubbles(self) -> tuple[Bubble, ...]:
-        """Its air bubbles."""
+    def bubbles(self) -> list[list[float]]:
+        """Its air bubbles: centre in gel coordinates, lateral and z, and radius of each [mm]."""
         return _cast_bubbles(self.bubble_count, stream(self.seed, "bubbles", self.name))
 
     @cached_property
@@ -197,11 +188,12 @@ def _draw_patchiness(random: np.random.Generator) -> Field32:
     return np.clip(0.075 + 0.05 * slow, 0.015, 0.20).astype(np.float32)
 
 
-def _cast_bubbles(count: int, random: np.random.Generator) -> tuple[Bubble, ...]:
+def _cast_bubbles(count: int, random: np.random.Generator) -> list[list[float]]:
     lateral = random.uniform(*_LATERAL_MM, count)
     z = random.uniform(-13.0, _Z_MM[1], count)
     radius = np.clip(random.lognormal(math.log(0.30), 0.55, count), 0.1, 1.0)
-    return tuple(Bubble(*row) for row in np.stack([lateral, z, radius], axis=1).tolist())
+    rows: list[list[float]] = np.stack([lateral, z, radius], axis=1).tolist()
+    return rows
 
 
 def _cast_clouds(random: np.random.Generator) -> Field32:

@@ -19,7 +19,6 @@ Field32 = npt.NDArray[np.float32]
 
 _UNDISTORT_STEPS = 12  # each step gains about a digit for the distortion of a good lens
 _UNDISTORT_LIMIT = 1e-6  # change in the last step, normalised; a few thousandths of a pixel
-_BLOCK = 16_384  # points that stay in the processor's cache over all steps
 
 
 def distort(a: Floats, b: Floats, lens: LensDescription) -> tuple[Floats, Floats]:
@@ -40,13 +39,6 @@ def undistort(distorted: Floats, lens: LensDescription) -> Floats:
     InputError
         For a distortion so strong that the lens folds the picture.
     """
-    blocks = [
-        _undistort(distorted[start : start + _BLOCK], lens) for start in range(0, len(distorted), _BLOCK)
-    ]
-    return np.concatenate(blocks)
-
-
-def _undistort(distorted: Floats, lens: LensDescription) -> Floats:
     a_seen, b_seen = np.ascontiguousarray(distorted.T)
     a, b, a_missed, b_missed = a_seen, b_seen, a_seen, b_seen
     with np.errstate(over="ignore", invalid="ignore"):

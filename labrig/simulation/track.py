@@ -40,6 +40,11 @@ class Unevenness(NamedTuple):
     turn_rad: list[float]
     lean_rad: list[float]
 
+    def turns_in(self, stretch: int, length_mm: float) -> tuple[float, float]:
+        """Return how the tip turns by itself in the first `length_mm` of a stretch, in the plane and out of it."""
+        part = length_mm / NODE_MM
+        return part * self.turn_rad[stretch], part * self.lean_rad[stretch]
+
 
 EVEN = Unevenness([1.0] * _STRETCHES, [0.0] * _STRETCHES, [0.0] * _STRETCHES)
 """Gel without disturbances."""
@@ -95,10 +100,6 @@ def follow_with_play(bevel_rad: float, base_rad: float, lag_rad: float) -> float
     return min(max(bevel_rad, base_rad - lag_rad), base_rad + lag_rad)
 
 
-Wander = tuple[float, float]
-_STEADY: Wander = (0.0, 0.0)
-
-
 @dataclass(frozen=True)
 class Bending:
     """How the needle bends: its radius with closed hinges (infinite: straight), two lengths, and layers.
@@ -114,10 +115,7 @@ class Bending:
 
     def scale_radius_at(self, z_mm: float) -> float:
         """Return the scale of the radius at a depth."""
-        for layer in self.layers:
-            if z_mm < layer.until_mm:
-                return layer.radius_scale
-        return 1.0
+        return next((layer.radius_scale for layer in self.layers if z_mm < layer.until_mm), 1.0)
 
 
 class PathNode(NamedTuple):
@@ -140,7 +138,7 @@ class PathNode(NamedTuple):
         length_mm: float,
         curvature_1_mm: float,
         bend_1_mm: float = 0.0,
-        wander: Wander = _STEADY,
+        wander: tuple[float, float] = (0.0, 0.0),
         arc_mm: float | None = None,
     ) -> "PathNode":
         """Return the node `length_mm` further on, if curvature and bend change linearly to these values.
@@ -172,35 +170,22 @@ class Track:
 
     Parameters
     ----------
-    start_mm : (float, float)
-        Where the needle leaves the sheath, (y, z).
-    heading_rad : float
-        Direction of the sheath.
-    out_of_plane : (float, float)
-        Place x [mm] and lean [rad] of the sheath.
+    start : PathNode
+        Where the needle leaves the sheath, and in its direction; at arc length 0, straight.
     bending : Bending
         How the needle bends.
     unevenness : Unevenness
         Disturbances; none by default.
     """
 
-    def __init__(
-        self,
-        start_mm: tuple[float, float],
-        heading_rad: float,
-        bending: Bending,
-        unevenness: Unevenness = EVEN,
-        *,
-        out_of_plane: tuple[float, float] = (0.0, 0.0),
-    ) -> None:
+    def __init__(self, start: PathNode, bending: Bending, unevenness: Unevenness = EVEN) -> None:
         self._bending = bending
         self._curvature_1_mm = 1.0 / bending.radius_mm
         self._closing_rate_1_mm2 = self._curvature_1_mm / bending.hinge_closing_mm
         self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / bending.backlash_mm
-        self._hinge_closing_mm = bending.hinge_closing_mm
-        self._shares, self._turns_rad, self._leans_rad = unevenness
-        self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0, *out_of_plane)]
-        self._end = self._nodes[0]
+        self._uneven = unevenness
+        self._nodes = [start]
+        self._end = start
 
     @property
     def length_mm(self) -> float:
@@ -221,25 +206,18 @@ class Track:
         self, node: PathNode, length_mm: float, bevel: tuple[float, float], arc_mm: float | None = None
     ) -> PathNode:
         """Return the node a length further on; `bevel` are the shares of the curvature in the plane and out of it."""
-        closing = node.arc_mm < self._hinge_closing_mm
+        closing = node.arc_mm < self._bending.hinge_closing_mm
         limit = (self._closing_rate_1_mm2 if closing else self._swing_rate_1_mm2) * length_mm
         stretch = len(self._nodes) - 1
-        share = self._shares[stretch]
+        share = self._uneven.curvature_share[stretch]
         if self._bending.layers:
             share /= self._bending.scale_radius_at(node.z_mm)
         sought = self._curvature_1_mm * share
+        curvature_1_mm = _approach(node.curvature_1_mm, bevel[0] * sought, limit)
+        bend_1_mm = _approach(node.bend_1_mm, bevel[1] * sought, limit)
         return node.advance(
-            length_mm,
-            _approach(node.curvature_1_mm, bevel[0] * sought, limit),
-            _approach(node.bend_1_mm, bevel[1] * sought, limit),
-            self._wander(stretch, length_mm),
-            arc_mm,
+            length_mm, curvature_1_mm, bend_1_mm, self._uneven.turns_in(stretch, length_mm), arc_mm
         )
-
-    def _wander(self, stretch: int, length_mm: float) -> Wander:
-        """Return how the tip turns by itself in the first `length_mm` of a stretch."""
-        part = length_mm / NODE_MM
-        return part * self._turns_rad[stretch], part * self._leans_rad[stretch]
 
     def node_at(self, arc_mm: float) -> PathNode:
         """Return the path at an arc length; it is straight before its start and stays at its end."""
@@ -254,7 +232,7 @@ class Track:
             arc_mm - before.arc_mm,
             before.curvature_1_mm + part * (after.curvature_1_mm - before.curvature_1_mm),
             before.bend_1_mm + part * (after.bend_1_mm - before.bend_1_mm),
-            self._wander(index, arc_mm - before.arc_mm),
+            self._uneven.turns_in(index, arc_mm - before.arc_mm),
         )
 
     def points_mm(self, from_arc_mm: float = 0.0) -> Floats:

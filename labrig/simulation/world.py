@@ -297,16 +297,10 @@ class World:
 
     def _cut(self, hole: Hole) -> None:
         if hole.track is None:
-            needle = self.description.needle
-            bending = Bending(
-                hole.radius_mm,
-                needle.hinge_closing_mm,
-                needle.backlash_mm,
-                hole.layers,
-            )
-            x, y, z = self._sheath_tip_mm()
-            out_of_plane = x, hole.lean_rad
-            hole.track = Track((y, z), hole.heading_rad, bending, hole.unevenness, out_of_plane=out_of_plane)
+            needle, (x, y, z) = self.description.needle, self._sheath_tip_mm()
+            bending = Bending(hole.radius_mm, needle.hinge_closing_mm, needle.backlash_mm, hole.layers)
+            start = PathNode(0.0, y, z, hole.heading_rad, 0.0, x, hole.lean_rad)
+            hole.track = Track(start, bending, hole.unevenness)
             hole.track_linear_mm = self._axes.linear_mm
         hole.track.extend(self._needle_span().to_mm, self._bevel_rad)
 

@@ -60,16 +60,10 @@ class FakeCapture:
         """Return the computer's monotonic time [s]."""
         return BEGAN_S + self.clock.now_s()
 
-    def open(self, exposure_s: float = 0.005, lacks: str = "") -> UvcSource:
+    def open(self, section: UvcCameraDescription | None = None, lacks: str = "") -> UvcSource:
         """Open it as OpenCV does, with controls that lack at most one."""
-        return UvcSource(
-            self,
-            FakeControls(lacks=lacks),
-            self.clock,
-            exposure_s=exposure_s,
-            rate_hz=self.rate_hz,
-            monotonic_s=self.monotonic_s,
-        )
+        controls = FakeControls(lacks=lacks)
+        return UvcSource(self, controls, self.clock, section or uvc_section(), self.monotonic_s)
 
     def _fill(self) -> None:
         while self._next_s <= self.monotonic_s():

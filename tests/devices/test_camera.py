@@ -149,7 +149,7 @@ def _open_lacking(name: str, *overrides: str) -> Camera:
     """Return an opened USB camera that has every control but one."""
     section, capture = load_rig(BENCH, overrides).camera, FakeCapture(rate_hz=30.0)
     assert isinstance(section, UvcCameraDescription)
-    return Camera(capture.open(section.longest_exposure_s, lacks=name), section, capture.clock)
+    return Camera(capture.open(section, lacks=name), section, capture.clock)
 
 
 def test_request_codes_are_those_of_the_kernel() -> None:

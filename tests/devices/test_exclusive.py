@@ -105,7 +105,7 @@ def test_two_accounts_do_not_share_a_bus(tmp_path: Path) -> None:
     with tempfile.TemporaryDirectory() as theirs:
         with (
             _held(BENCH, Path(theirs), "state_file=other.json"),
-            pytest.raises(LockedError, match=r"its bus can-socketcan-can0 is in use by another labrig"),
+            pytest.raises(LockedError, match=r"its bus socketcan can0 is in use by another labrig"),
             acquire_rig(rig, "labrig run mine.yaml"),
         ):
             pass

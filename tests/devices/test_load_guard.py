@@ -11,7 +11,7 @@ from labrig.devices.axis import Axis
 from labrig.devices.input_channel import InputChannel
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.opening import Opening
-from labrig.devices.position_supervision import InMotion
+from labrig.devices.position_supervision import Expected
 from labrig.devices.rig import Rig
 from labrig.devices.stall import StallWatch
 from labrig.devices.trapezoid import make_rest_profile
@@ -144,7 +144,7 @@ def watched(speed: float = 1.0) -> Iterator[StallWatch]:
     """Yield the watch on an axis in motion that may lag by 2 mm, with a limit of 500 mA."""
     with one_drive() as bench:
         axis = Axis("linear", epos2_axis(max_following_error=2.0), bench.driver, bench.clock)
-        axis.expected = InMotion(make_rest_profile(0.0, 0.0), 0.0, speed=speed)
+        axis.expected = Expected(make_rest_profile(0.0, 0.0), speed=speed)
         yield StallWatch(axis, 500)
 
 

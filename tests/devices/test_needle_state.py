@@ -47,10 +47,6 @@ _ZERO = {"needle_id": "N1", "zero_rad": 0, "sd_rad": 0, "run": "a"}
     "content",
     [
         b"",
-        b"{",
-        b"[]",
-        b"\xff\xfe",
-        {"kind": "labrig-plane"},
         {"schema_version": 2},
         {"needle_in_tissue": "no"},
         {"referenced": "insertion"},

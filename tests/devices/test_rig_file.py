@@ -246,7 +246,7 @@ BAD = [
     ("bitrate: 1000000", "bitrate: 1 Mbit/s", "bitrate"),
     ("acceleration: 50.0", "acceleration: 0", "greater than 0"),
     ("acceleration: 50.0", "acceleraton: 50", "did you mean acceleration"),
-    ("limits:\n    - -2.0\n    - 120.0", "limits:\n    - 120.0\n    - -2.0", "expected the lower one first"),
+    ("limits:\n    - -2.0\n    - 120.0", "limits:\n    - 120.0\n    - -2.0", "must have the lower one first"),
     ("limits:\n    - -2.0\n    - 120.0", "limits:\n    - -2.0", "limits"),
     ("unit: rad", "unit: deg", "unit"),
 ]

@@ -95,7 +95,7 @@ GEL = {"gelatin_percent": 13, "radius_mean_mm": 27.0, "radius_sd_mm": 0.2}
             {"layers": [{"until_mm": 30, "radius_scale": 1}, {"until_mm": 20, "radius_scale": 1}]},
             "20 mm follows 30 mm",
         ),
-        ({"disturbances": {"cavity_mm": [9.0, 4.0]}}, "must be positive, the shortest first"),
+        ({"disturbances": {"cavity_mm": [9.0, 4.0]}}, "must have the lower one first"),
     ],
 )
 def test_a_world_that_cannot_be_is_refused(changes: dict[str, object], words: str) -> None:

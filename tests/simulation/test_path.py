@@ -13,6 +13,7 @@ from labrig.simulation.track import (
     EVEN,
     NODE_MM,
     Bending,
+    PathNode,
     Track,
     Unevenness,
     draw_unevenness,
@@ -31,7 +32,8 @@ def cut(
     unevenness: Unevenness = EVEN,
 ) -> Track:
     """Return a track cut to each arc length at each roll in turn."""
-    track = Track((0.0, 0.0), heading_rad, Bending(radius_mm, CLOSING_MM, BACKLASH_MM), unevenness)
+    start = PathNode(0.0, 0.0, 0.0, heading_rad, 0.0)
+    track = Track(start, Bending(radius_mm, CLOSING_MM, BACKLASH_MM), unevenness)
     for arc_mm, roll_rad in pieces:
         track.extend(arc_mm, roll_rad)
     return track

@@ -4,9 +4,6 @@ The time is simulated, or real for a rehearsal. There is one thread for all of i
 the world see time pass whenever labrig sends a frame, takes a picture or waits.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
@@ -14,13 +11,12 @@ from labrig.devices.camera import CameraContext, PictureSource
 from labrig.devices.clocks import SimulatedClock, WatchedClock
 from labrig.devices.drives.section import ProductSection
 from labrig.devices.operator import Operator
-from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import RehearsedOperator, SimulatedOperator
-from labrig.devices.simulated.shaft import Mechanics, Motor, torque_of_force
+from labrig.devices.simulated.shaft import Mechanics, torque_of_force
 from labrig.devices.worker import SAME_THREAD, Worker, WorkerThread
 from labrig.errors import InputError
 from labrig.simulation.description import WorldDescription
@@ -84,15 +80,6 @@ class SimulatedHardware:
         """Return what is true of the present insertion."""
         return (self.world.truth(),)
 
-    def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Give the new world the tracks in the record, and bring the instrument out again."""
-        for insertion in insertions:
-            self.world.place_specimen(insertion.specimen, insertion.gelatin_percent)
-            self.world.shift_to_hole(insertion.specimen, insertion.hole, insertion.hole_position_mm)
-            here = tuple(self._positions[name] for name in ("insertion", "rotation", "linear"))
-            for insertion_mm, rotation_rad, linear_mm in (*insertion.path, here):
-                self.world.advance(insertion_mm, rotation_rad, linear_mm)
-
     def close(self) -> None:
         """Take the drives off the bus, once everything is on disk."""
         for drive in self.drives.values():
@@ -150,19 +137,14 @@ def _make_mechanics(name: str, axis: AxisDescription, world: World) -> Mechanics
     if axis.unit == "rad" or axis.lead_mm is None:
         return Mechanics()
     resists = {"insertion": world.insertion_force_n, "linear": world.linear_force_n}[name]
-    turn_mm, gear_ratio = axis.lead_mm, axis.gear_ratio or 1.0
-    motor = Motor(load_mnm=lambda: torque_of_force(resists(), turn_mm, gear_ratio))
-    wired = {"analog-1": world.force_sensor_mv} if name == "insertion" else {}
-    return replace(_make_stops(axis), motor=motor, analog_mv=wired)
+    turn_mm, gear_ratio, scale = axis.lead_mm, axis.gear_ratio or 1.0, axis.scale()
+    (low, high), wired = axis.limits, {"analog-1": world.force_sensor_mv} if name == "insertion" else {}
+    (lower, upper), (negative, positive) = (
+        sorted(float(scale.to_counts(place)) for place in (low - beyond, high + beyond))
+        for beyond in (_STOP_BEYOND, _SWITCH_BEYOND)
+    )
 
+    def find_load_mnm() -> float:
+        return torque_of_force(resists(), turn_mm, gear_ratio)
 
-def _make_stops(axis: AxisDescription) -> Mechanics:
-    """Return the stops and switches of a travelling axis, whose shaft is at zero in a new rig."""
-    (low, high), scale = axis.limits, axis.scale()
-
-    def shaft(*positions: float) -> list[float]:
-        return sorted(float(scale.to_counts(position)) for position in positions)
-
-    lower_stop, upper_stop = shaft(low - _STOP_BEYOND, high + _STOP_BEYOND)
-    negative, positive = shaft(low - _SWITCH_BEYOND, high + _SWITCH_BEYOND)
-    return Mechanics(lower_stop, upper_stop, negative, positive)
+    return Mechanics(lower, upper, negative, positive, find_load_mnm, wired)

@@ -1,7 +1,7 @@
 """The simulated operator: does to the world what a person does at the bench, and always agrees."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from labrig.devices.operator import (
     NO_OFFER,
@@ -51,14 +51,15 @@ class SimulatedOperator:
         InputError
             When the world cannot do this, such as shifting a gel with a needle in it.
         """
-        self._act(request)
-        answer = Answer(confirmed=True, note=_WHO)
+        pixel = None
         match request:
             case PickTarget():
-                return replace(answer, pixel=self.world.target_mark_px())
+                pixel = self.world.target_mark_px()
             case PickObstacle(_, asked):
-                return replace(answer, pixel=self.world.obstacle_mark_px(asked))
-        return answer
+                pixel = self.world.obstacle_mark_px(asked)
+            case _:
+                self._act(request)
+        return Answer(confirmed=True, note=_WHO, pixel=pixel)
 
     def _act(self, request: OperatorRequest) -> None:
         """Do what is asked; a confirmation is always true: the world is new, and the axes are at zero."""

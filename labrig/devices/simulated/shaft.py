@@ -4,7 +4,7 @@ The current is that of a simple model of motor, screw and position controller. A
 and its load: I = (friction + load) / torque constant, in the direction of its motion. A shaft that something holds
 makes the position controller push harder the further it lags, by a constant current for each turn of lag. A motor at
 rest without lag carries nothing: screw and gear hold themselves. The output current limit of the drive caps all of it.
-Inertia is left out. The defaults are those of a small brushed motor with a gearhead, not of a certain one.
+Inertia is left out. The motor is a small brushed one with a gearhead, not a certain one.
 
 Homing methods below zero belong to manufacturers: -1 and -3 go with positive speed into the upper stop, -2 and -4 with
 negative speed into the lower one; 1, 2, -1 and -2 end at the encoder's index.
@@ -22,50 +22,12 @@ from labrig.devices.trapezoid import (
     make_rest_profile,
 )
 
+_TORQUE_CONSTANT_MNM_A = 25.0
+_FRICTION_MNM = 1.5
+"""Of motor and gearhead, at the motor."""
 
-def _no_load() -> float:
-    return 0.0
-
-
-@dataclass(frozen=True)
-class Motor:
-    """A motor and what it drives.
-
-    Parameters
-    ----------
-    torque_constant_mnm_a : float
-        Torque constant [mNm/A].
-    friction_mnm : float
-        Friction of motor and gearhead, at the motor [mNm].
-    stiffness_ma_per_turn : float
-        Current with which the position controller answers a lag of one turn of the motor [mA].
-    load_mnm : callable
-        Returns the torque at the motor that resists its motion now [mNm].
-    """
-
-    torque_constant_mnm_a: float = 25.0
-    friction_mnm: float = 1.5
-    stiffness_ma_per_turn: float = 4000.0
-    load_mnm: Callable[[], float] = _no_load
-
-    def current_ma(self, speed: float, lag_turns: float, limit_ma: float) -> float:
-        """Return the motor current, with its sign [mA].
-
-        Parameters
-        ----------
-        speed : float
-            Speed of the motor with its sign, in any unit; 0 at rest.
-        lag_turns : float
-            Position demanded minus position reached [turns of the motor].
-        limit_ma : float
-            Output current limit of the drive [mA].
-        """
-        current_ma = self.stiffness_ma_per_turn * lag_turns
-        direction = speed or lag_turns
-        if direction:
-            carried_ma = 1000 * (self.friction_mnm + self.load_mnm()) / self.torque_constant_mnm_a
-            current_ma += math.copysign(carried_ma, direction)
-        return max(-limit_ma, min(limit_ma, current_ma))
+_STIFFNESS_MA_PER_TURN = 4000.0
+"""Current with which the position controller answers a lag of one turn of the motor."""
 
 
 def torque_of_force(force_n: float, travel_per_turn_mm: float, gear_ratio: float) -> float:
@@ -78,7 +40,7 @@ _HALVINGS = 40
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Motor, stops and switches of the shaft, and what is wired to the drive; places in its counts, None if absent.
+    """Stops, switches and load of the shaft, and what is wired to the drive; places in its counts, None if absent.
 
     Parameters
     ----------
@@ -86,8 +48,8 @@ class Mechanics:
         Hard stops.
     negative_switch, positive_switch : float or None
         Limit switches: the negative one is active at or below its place, the positive one at or above.
-    motor : Motor
-        The motor and its load.
+    load_mnm : callable
+        Returns the torque at the motor that resists its motion now [mNm].
     analog_mv : mapping of str to callable
         Analog input of the drive, such as analog-1 -> its voltage now [mV].
     """
@@ -96,7 +58,7 @@ class Mechanics:
     upper_stop: float | None = None
     negative_switch: float | None = None
     positive_switch: float | None = None
-    motor: Motor = field(default_factory=Motor)
+    load_mnm: Callable[[], float] = lambda: 0.0
     analog_mv: Mapping[str, Callable[[], float]] = field(default_factory=dict)
 
 
@@ -154,7 +116,11 @@ class MotorShaft:
         if self._uncoupled:
             return 0.0
         lag_turns = (self.demand - self.actual) / counts_per_turn
-        return self.mechanics.motor.current_ma(0.0 if self.stuck else self.velocity, lag_turns, limit_ma)
+        current_ma = _STIFFNESS_MA_PER_TURN * lag_turns
+        if direction := (0.0 if self.stuck else self.velocity) or lag_turns:
+            carried_ma = 1000 * (_FRICTION_MNM + self.mechanics.load_mnm()) / _TORQUE_CONSTANT_MNM_A
+            current_ma += math.copysign(carried_ma, direction)
+        return max(-limit_ma, min(limit_ma, current_ma))
 
     def is_at_rest(self, now_s: float) -> bool:
         """Tell whether the profile has ended."""

@@ -6,6 +6,7 @@ bus. A program that does not read loses frames, as with an adapter whose buffer 
 """
 
 import os
+import re
 import tty
 from collections import deque
 from selectors import EVENT_READ, DefaultSelector
@@ -14,6 +15,8 @@ import can
 
 _BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Those of the commands S0 to S8 [bit/s]."""
+
+_FRAME = re.compile(rb"([tr])([0-7][0-9A-Fa-f]{2})([0-8])((?:[0-9A-Fa-f]{2})*)")
 
 _OK, _REFUSED = b"\r", b"\a"
 _LONGEST_LINE = 64
@@ -114,18 +117,12 @@ def format_frame(message: can.Message) -> bytes:
 
 def parse_frame(line: bytes) -> can.Message | None:
     """Return the frame that a line of slcan sends, or None when it is not one."""
-    remote = line[:1] == b"r"
-    try:
-        can_id, length, data = int(line[1:4], 16), int(line[4:5]), bytes.fromhex(line[5:].decode("ascii"))
-        if line[:1] not in {b"t", b"r"} or len(data) != (0 if remote else length):
-            return None
-        return can.Message(
-            arbitration_id=can_id,
-            is_extended_id=False,
-            is_remote_frame=remote,
-            dlc=length,
-            data=data,
-            check=True,
-        )
-    except ValueError:
+    found = _FRAME.fullmatch(line)
+    if found is None:
         return None
+    kind, can_id, length, data = found[1], int(found[2], 16), int(found[3]), bytes.fromhex(found[4].decode())
+    if len(data) != (0 if kind == b"r" else length):
+        return None
+    return can.Message(
+        arbitration_id=can_id, is_extended_id=False, is_remote_frame=kind == b"r", dlc=length, data=data
+    )

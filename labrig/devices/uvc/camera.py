@@ -42,10 +42,8 @@ class UvcSource:
         Its controls.
     clock : Clock
         Rig time.
-    exposure_s : float
-        Longest exposure: the one that is going to be set, if it can be [s].
-    rate_hz : float
-        Pictures a second that are going to be set [Hz].
+    section : ControlledCameraDescription
+        Its section of the rig file, which says how long a picture is exposed at most.
     monotonic_s : callable
         CLOCK_MONOTONIC [s].
     """
@@ -55,16 +53,14 @@ class UvcSource:
         capture: Any,
         controls: Any,
         clock: Clock,
-        *,
-        exposure_s: float,
-        rate_hz: float,
+        section: ControlledCameraDescription,
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._capture = capture
         self._controls = controls
         self._clock = clock
-        self._exposure_s = exposure_s
-        self._bound_s = max(exposure_s, 1 / rate_hz)
+        self._exposure_s = section.longest_exposure_s
+        self._bound_s = max(self._exposure_s, 1 / section.rate_hz)
         self._monotonic_s = monotonic_s
         self._last_stamp_s = monotonic_s() - _BEFORE_OPENING_S
         self._is_stamped = True
@@ -159,13 +155,7 @@ class UvcCameraDescription(ControlledCameraDescription):
                 f"{self.device} gives no pictures",
                 "it may be used by another program, or be no camera; try another number",
             )
-        return UvcSource(
-            capture,
-            controls,
-            context.clock,
-            exposure_s=self.longest_exposure_s,
-            rate_hz=self.rate_hz,
-        )
+        return UvcSource(capture, controls, context.clock, self)
 
 
 CAMERA = UvcCameraDescription

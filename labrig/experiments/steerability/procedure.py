@@ -47,7 +47,6 @@ def run(protocol: SteerabilityProtocol, session: Session) -> None:
         session.ask(ConfirmAxesAtZero())
         session.reference_axes()
         session.move("rotation", protocol.insertion.bevel_roll_rad, session.axis("rotation").max_speed / 2)
-    session.recall_holes()
     photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     trials = session.trials(
         list_holes(protocol),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import can
 import pytest
 
+from labrig.devices.drives import objects as co
 from labrig.devices.drives.errors import ERRORS
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset
@@ -17,6 +18,7 @@ from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.errors import (
     DriveFaultError,
     DriveSilentError,
+    DriveStrayedError,
     MachineError,
     SafetyStopError,
     SecondMasterError,
@@ -126,15 +128,48 @@ def test_one_cause_is_one_question_or_refusal(codes: tuple[int, ...]) -> None:
         assert refused.value.hint.count("labrig devices home --rig") == 1
 
 
+def _command(opened: OpenedRig, node: int) -> None:
+    """Start a move to 64,000 counts as another program on the bus does."""
+    master = InProcessBus(opened.hardware.wire, lambda _message: None)
+    heads = (b"\x23\x7a\x60\0\x00\xfa\0\0", b"\x2b\x40\x60\0\x0f\0\0\0", b"\x2b\x40\x60\0\x3f\0\0\0")
+    for data in heads:
+        master.send(can.Message(arbitration_id=0x600 + node, data=data, is_extended_id=False))
+    master.shutdown()
+
+
+def _command_unheard(opened: OpenedRig, node: int) -> None:
+    """Let a drive take such a move, of which nothing on the bus tells."""
+    drive = next(drive for drive in opened.drives.values() if drive.node_id == node)
+    for place, value in ((co.TARGET_POSITION, 64_000), (co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x3F)):
+        drive.objects.put(place, value)
+
+
+@pytest.mark.parametrize("moves", [("insertion", 100.0, 1.0), None], ids=["moving axis", "idle axis"])
+@pytest.mark.parametrize(("move", "told_within_s"), [(_command, 0.5), (_command_unheard, 0.6)])
+def test_foreign_motion_is_reported_and_stopped_within_half_a_second(
+    move: Callable[[OpenedRig, int], None], told_within_s: float, moves: tuple[str, float, float] | None
+) -> None:
+    """By another program's set-point, also one that was not heard; of an axis that moves and of one at rest.
+
+    It is told once standstill has been read back: a set-point that was not heard is found by the next look.
+    """
+    with ready_rig(moves=moves) as opened:
+        struck_s, drive = opened.rig.clock.now_s(), opened.drives["insertion"]
+        move(opened, drive.node_id)
+        assert drive.is_moving
+        with pytest.raises(SecondMasterError if move is _command else DriveStrayedError):
+            opened.rig.wait(5.0)
+        assert opened.rig.clock.now_s() - struck_s <= told_within_s
+        assert struck_s <= drive.shaft.still_s <= struck_s + 0.5
+        assert not drive.is_moving
+
+
 def test_another_master_ends_an_exchange_with_drives() -> None:
     """While a slow drive is started, a foreign set-point of an axis is found at once."""
     with ready_rig() as opened:
         wire, clock, linear = opened.hardware.wire, opened.hardware.clock, opened.drives["linear"]
         delay_next(wire, clock, FOR_GOOD, 0.01)
-        master = InProcessBus(wire, lambda _message: None)
-        heads = (b"\x23\x7a\x60\0\x00\xfa\0\0", b"\x2b\x40\x60\0\x0f\0\0\0", b"\x2b\x40\x60\0\x3f\0\0\0")
-        for data in heads:
-            master.send(can.Message(arbitration_id=0x603, data=data, is_extended_id=False))
+        _command(opened, linear.node_id)
         struck_s = clock.now_s()
         with pytest.raises(SecondMasterError):
             opened.rig.start_move("insertion", 1.0, 1.0)

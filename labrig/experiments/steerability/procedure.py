@@ -75,7 +75,7 @@ def _find_near_holes(protocol: SteerabilityProtocol) -> Iterator[Problem]:
 
 def _find_placed(protocol: SteerabilityProtocol, session: Session) -> TrackedSpecimen | None:
     """Return the specimen in the frame if the operator of a resumed sweep confirms that all is as it was."""
-    name = session.past.holes[-1].specimen if session.past.holes else ""
+    name = session.past.begun[-1].start.specimen if session.past.begun else ""
     specimen = next((specimen for specimen in protocol.specimens if specimen.name == name), None)
     if specimen is None or not session.stands_at_start():
         return None

@@ -13,7 +13,7 @@ import numpy as np
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.estimator import start_tip, step_tip
-from labrig.steering.motion import rotation_from_vector, vector_from_rotation
+from labrig.steering.motion import make_pose, rotation_from_vector, vector_from_rotation
 from labrig.steering.tip import (
     CURVATURE,
     ORIENTATION,
@@ -119,18 +119,19 @@ def _mix(outside: TipState, inside: TipState, share: float) -> TipState:
         return likelier
     apart = _find_error(outside, inside)
     mean = share * apart
-    pose = np.eye(4)
-    pose[:3, 3] = outside.position_mm + outside.rotation @ mean[POSITION]
-    pose[:3, :3] = outside.rotation @ rotation_from_vector(mean[ORIENTATION])
+    rotation = outside.rotation @ rotation_from_vector(mean[ORIENTATION])
     spread = share * (1.0 - share) * np.outer(apart, apart)
     covariance = (1.0 - share) * outside.covariance + share * inside.covariance + spread
     slip = outside.slip + float(mean[SLIP]) if len(mean) > SLIP else 0.0
-    return replace(
-        likelier,
-        pose=freeze(pose),
-        curvature=outside.curvature + float(mean[CURVATURE]),
-        covariance=freeze(covariance),
-        slip=slip,
+    return TipState(
+        make_pose(rotation, outside.position_mm + outside.rotation @ mean[POSITION]),
+        outside.curvature + float(mean[CURVATURE]),
+        freeze(covariance),
+        likelier.nis,
+        likelier.accepted,
+        likelier.misses,
+        likelier.log_likelihood,
+        slip,
     )
 
 

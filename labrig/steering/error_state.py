@@ -16,8 +16,8 @@ import math
 import numpy as np
 from filterpy.kalman import predict, update
 
-from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_x, rotation_z
-from labrig.steering.motion import rotation_from_vector, step_position_mm, step_position_slope
+from labrig.needle.kinematics import FloatArray
+from labrig.steering.motion import make_pose, rotation_from_vector, step_frame, step_origin_slope
 from labrig.steering.tip import (
     CURVATURE,
     ORIENTATION,
@@ -42,26 +42,24 @@ _SLIP_CHANGES_MM = 100.0
 
 def step_error_state(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
     """Return the tip after a roll, an advance and, if the tip was seen, an observation."""
-    pose, transition, process = _predict(state, observation, settings)
+    rotation, position, transition, process = _predict(state, observation, settings)
     error, covariance = predict(np.zeros(settings.size), state.covariance, F=transition, Q=process)
     nis, log_likelihood, accepted = None, 0.0, False
     if observation.position_mm is not None:
-        offset = pose[:3, :3].T @ (observation.position_mm - pose[:3, 3])
-        innovation = offset[settings.seen]
-        noise = settings.observation_sd_mm**2 * np.eye(len(innovation))
-        spread = covariance[settings.seen, settings.seen] + noise
+        innovation = ((observation.position_mm - position) @ rotation)[settings.seen]
+        spread = covariance[settings.seen, settings.seen] + settings.noise
         nis = float(innovation @ np.linalg.solve(spread, innovation))
         log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * spread)))
         fits = nis <= _limit_nis(state, settings)
         accepted = fits or state.misses >= _PATIENCE
         if accepted:
             covariance = covariance if fits else _reopen(covariance, innovation, settings)
-            error, covariance = update(error, covariance, innovation, noise, settings.observed)
-    # The error moves into the pose.
-    pose[:3, 3] = pose[:3, 3] + pose[:3, :3] @ error[POSITION]
-    pose[:3, :3] = pose[:3, :3] @ rotation_from_vector(error[ORIENTATION])
+            error, covariance = update(error, covariance, innovation, settings.noise, settings.observed)
+            # The error moves into the pose.
+            position = position + rotation @ error[POSITION]
+            rotation = rotation @ rotation_from_vector(error[ORIENTATION])
     return TipState(
-        freeze(pose),
+        make_pose(rotation, position),
         state.curvature + float(error[CURVATURE]),
         freeze(0.5 * (covariance + covariance.T)),
         nis,
@@ -97,27 +95,23 @@ def _reopen(covariance: FloatArray, innovation: FloatArray, settings: EstimatorS
 
 def _predict(
     state: TipState, observation: TipObservation, settings: EstimatorSettings
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the pose (4, 4) after a step by (16) and (17), and F and Q by which its errors follow."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return rotation and position after a step by (16) and (17), and F and Q by which their errors follow."""
     step_mm = observation.step_mm * (1.0 - state.slip)
-    roll = rotation_z(observation.roll_rad)
     curvature = state.curvature if observation.bends else 0.0
-    bend = rotation_x(step_mm * curvature)
-    advance = step_position_mm(step_mm, curvature)
-    back = (roll @ bend).T
+    turn, advance = step_frame(observation.roll_rad, step_mm, curvature)
+    back, (x, y, z) = turn.T, advance.tolist()
     transition = np.eye(settings.size)
     transition[POSITION, POSITION] = transition[ORIENTATION, ORIENTATION] = back
-    transition[POSITION, ORIENTATION] = -bend.T @ cross_matrix(advance) @ roll.T
-    if observation.bends:
-        transition[POSITION, CURVATURE] = bend.T @ step_position_slope(step_mm, curvature)
-        transition[ORIENTATION.start, CURVATURE] = step_mm
+    transition[POSITION, ORIENTATION] = back @ np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))
     process = np.zeros((settings.size, settings.size))
+    if observation.bends:
+        transition[POSITION, CURVATURE] = back @ step_origin_slope(observation.roll_rad, step_mm, curvature)
+        transition[ORIENTATION.start, CURVATURE] = step_mm
     if settings.estimates_slip:
         transition[POSITION.stop - 1, SLIP] = -observation.step_mm
         transition[ORIENTATION.start, SLIP] = -observation.step_mm * curvature
         process[SLIP, SLIP] = settings.slip_sd**2 * observation.step_mm / _SLIP_CHANGES_MM
     turning = (3,) if settings.planar else _TURNING
     process[turning, turning] = settings.process_sd_rad_per_root_mm**2 * step_mm
-    rolled, pose = state.rotation @ roll, np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rolled @ bend, state.position_mm + rolled @ advance
-    return pose, transition, process
+    return state.rotation @ turn, state.position_mm + state.rotation @ advance, transition, process

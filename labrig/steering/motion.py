@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from labrig.needle.kinematics import FloatArray, rotation_x, rotation_z
+from labrig.needle.kinematics import FloatArray
 from labrig.steering.tip import TipObservation, freeze
 
 # Below this angle the derivatives come from their series; its first omitted term is below 1e-16.
@@ -25,14 +25,21 @@ _SMALL_ANGLE_RAD = 0.01
 _SMALL_TURN_RAD = 1e-3
 
 
-def step_position_mm(step_mm: float, curvature: float) -> FloatArray:
-    """Return p_dl, (3,), the end of an arc of this length, equation (16)."""
-    half = 0.5 * step_mm * curvature
-    return np.array((0.0, -step_mm * math.sin(half) * _sinc(half), step_mm * _sinc(2.0 * half)))
+def step_frame(roll_rad: float, step_mm: float, curvature: float) -> tuple[FloatArray, FloatArray]:
+    """Return the tip's frame after a roll and an arc in that before, (16) and (17): rotation (3, 3), origin (3,) [mm].
+
+    The rotation is `exp(roll e_3^) exp(angle e_1^)`, written out: a tip is moved thousands of times an insertion.
+    """
+    s, c = math.sin(roll_rad), math.cos(roll_rad)
+    angle = step_mm * curvature
+    sine, cosine = math.sin(angle), math.cos(angle)
+    rotation = np.array(((c, -s * cosine, s * sine), (s, c * cosine, -c * sine), (0.0, sine, cosine)))
+    across, along = -step_mm * math.sin(0.5 * angle) * _sinc(0.5 * angle), step_mm * _sinc(angle)
+    return rotation, np.array((-s * across, c * across, along))
 
 
-def step_position_slope(step_mm: float, curvature: float) -> FloatArray:
-    """Return the derivative of p_dl by the curvature, (3,) [mm^2]."""
+def step_origin_slope(roll_rad: float, step_mm: float, curvature: float) -> FloatArray:
+    """Return the derivative of the origin of `step_frame` by the curvature, (3,) [mm^2]."""
     angle = step_mm * curvature
     if abs(angle) < _SMALL_ANGLE_RAD:
         square = angle * angle
@@ -41,7 +48,7 @@ def step_position_slope(step_mm: float, curvature: float) -> FloatArray:
     else:
         across = (1.0 - math.cos(angle) - angle * math.sin(angle)) / angle**2
         along = (angle * math.cos(angle) - math.sin(angle)) / angle**2
-    return step_mm**2 * np.array((0.0, across, along))
+    return step_mm**2 * np.array((-math.sin(roll_rad) * across, math.cos(roll_rad) * across, along))
 
 
 def rotation_from_vector(rotation_vector: FloatArray) -> FloatArray:
@@ -123,10 +130,14 @@ def advance_pose(
     """Return the pose (4, 4) after these steps, equations (16) and (17); the tip stays behind by a share of each."""
     rotation, position = pose[:3, :3], pose[:3, 3]
     for step in steps:
-        bend, step_mm = curvature if step.bends else 0.0, step.step_mm * (1.0 - slip)
-        rolled = rotation @ rotation_z(step.roll_rad)
-        position = position + rolled @ step_position_mm(step_mm, bend)
-        rotation = rolled @ rotation_x(step_mm * bend)
-    moved = np.eye(4)
-    moved[:3, :3], moved[:3, 3] = rotation, position
-    return freeze(moved)
+        bend = curvature if step.bends else 0.0
+        turn, advance = step_frame(step.roll_rad, step.step_mm * (1.0 - slip), bend)
+        position, rotation = position + rotation @ advance, rotation @ turn
+    return make_pose(rotation, position)
+
+
+def make_pose(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """Return the pose (4, 4) of a rotation (3, 3) and a position (3,); read-only."""
+    pose = np.zeros((4, 4))
+    pose[:3, :3], pose[:3, 3], pose[3, 3] = rotation, position, 1.0
+    return freeze(pose)

@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
-from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_x, rotation_z
-from labrig.steering.motion import step_position_mm
+from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_z
+from labrig.steering.motion import make_pose, step_frame
 from labrig.steering.tip import (
     ORIENTATION,
     POSITION,
@@ -39,18 +39,17 @@ def step_paper_filter(state: TipState, observation: TipObservation, settings: Es
     turning = np.diag((1.0, 0.0, 0.0) if settings.planar else (1.0, 1.0, 1.0))
     p_euler = p_euler + settings.process_sd_rad_per_root_mm**2 * observation.step_mm * turning  # (21)
     curvature = state.curvature if observation.bends else 0.0
-    advance = step_position_mm(observation.step_mm, curvature)
+    bend, advance = step_frame(0.0, observation.step_mm, curvature)
     position, nis = state.position_mm + rotation_from_euler(angles) @ advance, None  # (16)
     if observation.position_mm is not None:
         angles, p_euler, nis = _update(angles, p_euler, advance, observation.position_mm - position, settings)
         position = observation.position_mm
-    rotation = rotation_from_euler(angles) @ rotation_x(observation.step_mm * curvature)  # (17)
+    rotation = rotation_from_euler(angles) @ bend  # (17)
     rates = body_rates(euler_angles(rotation))
     covariance = _covariance(rates @ p_euler @ rates.T, settings)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
+    pose = make_pose(rotation, position)
     misses = state.misses + 1 if nis is None else 0
-    return TipState(freeze(pose), state.curvature, covariance, nis, accepted=nis is not None, misses=misses)
+    return TipState(pose, state.curvature, covariance, nis, accepted=nis is not None, misses=misses)
 
 
 def rotation_from_euler(angles: FloatArray) -> FloatArray:

@@ -54,14 +54,24 @@ def replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings)
 
 def predict_miss_and_gap(state: SteeringState, settings: SteeringSettings) -> tuple[float, float]:
     """Return by how much the rest of the path would miss, and its smallest gap to an obstacle [mm]."""
-    around = Surroundings(pose_problem_ahead(state, settings))
-    psi = _psi_ahead(state, settings)
-    frames = path_frames(psi, around.problem.radius_mm)
-    miss = frames.positions_mm[-1] - around.target_mm
-    if not len(around.centres_mm):
-        return float(np.linalg.norm(miss)), math.inf
-    apart = path_distances(psi, around.problem.radius_mm, around.centres_mm, frames)
-    return float(np.linalg.norm(miss)), float((apart - around.needle_and_obstacle_mm).min())
+    problem, radius_mm = settings.problem, _bounded_radius_mm(state, settings)
+    start, psi = _predict_start(state, settings), _psi_ahead(state, settings)
+    frames = path_frames(psi, radius_mm)
+    obstacles_mm = [obstacle.position_mm for obstacle in problem.obstacles]
+    target_mm, *centres_mm = (np.array((problem.target_mm, *obstacles_mm)) - start[:3, 3]) @ start[:3, :3]
+    miss_mm = float(np.linalg.norm(frames.positions_mm[-1] - target_mm))
+    if not obstacles_mm:
+        return miss_mm, math.inf
+    touching_mm = np.array([obstacle.radius_mm for obstacle in problem.obstacles]) + problem.diameter_mm / 2
+    apart_mm = path_distances(psi, radius_mm, np.array(centres_mm), frames)
+    return miss_mm, float((apart_mm - touching_mm).min())
+
+
+def _predict_start(state: SteeringState, settings: SteeringSettings) -> FloatArray:
+    """Return the tip's pose (4, 4) where a turn of the bevel would act, with the turns that act there."""
+    from_mm = find_acting_mm(state.insertion_mm, settings)
+    turned = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
+    return advance_pose(state.predict(from_mm, settings), (TipObservation(None, 0.0, turned),), 0.0)
 
 
 def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> PlanProblem:
@@ -73,12 +83,10 @@ def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> Plan
         When the tip or the target would be inside an obstacle.
     """
     from_mm = find_acting_mm(state.insertion_mm, settings)
-    start = state.predict(from_mm, settings)
-    turned = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
     along = np.asarray(settings.problem.start)[:3, 2]
     return replace(
         settings.problem,
-        start=advance_pose(start, (TipObservation(None, 0.0, turned),), 0.0),
+        start=_predict_start(state, settings),
         radius_mm=_bounded_radius_mm(state, settings),
         radius_range_mm=settings.problem.radius_range_mm if state.insertion_mm == 0.0 else None,
         cavity_mm=0.0 if settings.estimator.cavity_every_mm is None else CAVITY_MM,

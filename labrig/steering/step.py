@@ -15,7 +15,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from labrig.errors import InputError
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, StopReason, TipSighting
 from labrig.steering.replanning import (
     plan_with_clearance,
@@ -99,10 +98,7 @@ def _find_deviation(state: SteeringState, settings: SteeringSettings, deviation_
     """Return the occasion to replan if the rest of the path would miss or come too close to an obstacle, or None."""
     near = state.left_mm <= settings.policy.near_mm
     limit_mm = _NEAR_DEVIATION_MM if near else deviation_mm + _DEVIATION_SHARE * state.left_mm
-    try:
-        miss_mm, gap_mm = predict_miss_and_gap(state, settings)
-    except InputError:
-        miss_mm = gap_mm = math.inf
+    miss_mm, gap_mm = predict_miss_and_gap(state, settings)
     if miss_mm > limit_mm or gap_mm < settings.problem.clearance_mm:
         return "near" if near else "deviation"
     return None

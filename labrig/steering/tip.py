@@ -55,6 +55,11 @@ class EstimatorSettings(Estimator):
         return freeze(np.eye(self.size)[1:3] if self.planar else np.eye(self.size)[:3])
 
     @cached_property
+    def noise(self) -> FloatArray:
+        """R, the covariance of an observation [mm^2]."""
+        return freeze(self.observation_sd_mm**2 * np.eye(len(self.observed)))
+
+    @cached_property
     def seen(self) -> slice:
         """The errors that an observation sees, as places in a vector of errors."""
         return slice(1, 3) if self.planar else slice(0, 3)

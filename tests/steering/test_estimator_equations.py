@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from labrig.needle.kinematics import arc_pose, cross_matrix
 from labrig.steering.motion import (
     rotation_from_vector,
-    step_position_mm,
-    step_position_slope,
+    step_frame,
+    step_origin_slope,
     vector_from_rotation,
 )
 from labrig.steering.paper_filter import body_rates, euler_angles, position_jacobian, rotation_from_euler
@@ -20,23 +20,27 @@ ANGLES = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3
 STEP = 1e-6
 
 
-@given(step_mm=st.floats(0.0, 30.0), radius_mm=st.floats(1.0, 1e4))
-def test_a_step_is_an_arc(step_mm: float, radius_mm: float) -> None:
-    """Equation (16) by curvature is equation (5) by radius."""
-    position, _ = arc_pose(step_mm / radius_mm, 0.0, radius_mm)
-    np.testing.assert_allclose(step_position_mm(step_mm, 1.0 / radius_mm), position, atol=1e-10)
+@given(roll_rad=st.floats(-4.0, 4.0), step_mm=st.floats(0.0, 30.0), radius_mm=st.floats(1.0, 1e4))
+def test_a_step_is_an_arc(roll_rad: float, step_mm: float, radius_mm: float) -> None:
+    """Equations (16) and (17) by curvature are (5) and (6) by radius."""
+    rotation, origin_mm = step_frame(roll_rad, step_mm, 1.0 / radius_mm)
+    position_mm, turned = arc_pose(step_mm / radius_mm, roll_rad, radius_mm)
+    np.testing.assert_allclose(origin_mm, position_mm, atol=1e-10)
+    np.testing.assert_allclose(rotation, turned, atol=1e-12)
 
 
 def test_a_straight_step_goes_straight() -> None:
     """Without curvature the step is along z."""
-    np.testing.assert_array_equal(step_position_mm(3.0, 0.0), (0.0, 0.0, 3.0))
+    np.testing.assert_array_equal(step_frame(0.0, 3.0, 0.0)[1], (0.0, 0.0, 3.0))
 
 
+@pytest.mark.parametrize("roll_rad", [0.0, 2.2])
 @pytest.mark.parametrize("curvature", [-0.04, -1e-9, 0.0, 1e-7, 0.00333, 0.0034, 0.036, 0.2])
-def test_the_slope_is_the_derivative(curvature: float) -> None:
+def test_the_slope_is_the_derivative(curvature: float, roll_rad: float) -> None:
     """How a step of 3 mm changes with the curvature, also at zero and on both sides of the series' end."""
-    ahead, behind = (step_position_mm(3.0, curvature + s * 1e-4) for s in (1.0, -1.0))
-    np.testing.assert_allclose(step_position_slope(3.0, curvature), (ahead - behind) / 2e-4, atol=1e-6)
+    ahead_mm, behind_mm = (step_frame(roll_rad, 3.0, curvature + s * 1e-4)[1] for s in (1.0, -1.0))
+    slope = step_origin_slope(roll_rad, 3.0, curvature)
+    np.testing.assert_allclose(slope, (ahead_mm - behind_mm) / 2e-4, atol=1e-6)
 
 
 @pytest.mark.processors
@@ -62,7 +66,7 @@ def test_a_rotation_is_the_product_of_three() -> None:
 @given(angles=ANGLES)
 def test_the_corrected_jacobian_is_the_derivative(angles: np.ndarray) -> None:
     """Equation (25) with e_3^T R_y R_x agrees with central differences; with e_3^T R_y it is off by up to 0.25."""
-    advance = step_position_mm(1.0, 1.0 / 27.6)
+    _, advance = step_frame(0.0, 1.0, 1.0 / 27.6)
     differences = [
         (rotation_from_euler(angles + STEP * axis) - rotation_from_euler(angles - STEP * axis))
         @ advance

@@ -39,6 +39,7 @@ CentreLines: TypeAlias = Mapping[int, CentreLine]
 """By the number of the frame."""
 _BLANK: Mapping[Any, Any] = {Point: (None, None), ErrorBudget: ErrorBudget().model_dump()}
 """What stands in a table for a value that is not known, so that it has its columns."""
+_MOST_ROWS = 20
 _AGAIN = "make a new result with `labrig reanalyze`"
 
 
@@ -189,12 +190,8 @@ class TextTable:
     rows: tuple[tuple[object, ...], ...]
 
 
-@dataclass(frozen=True)
-class Summary:
-    """A result in a few lines, and the values that are compared with those of another result."""
-
-    lines: tuple[str | TextTable, ...]
-    values: Mapping[str, object]
+Summary: TypeAlias = tuple[str | TextTable, ...]
+"""A result in a few lines: sentences, and tables."""
 
 
 @dataclass(frozen=True)
@@ -247,6 +244,18 @@ def list_quantities(content: Result) -> dict[str, Quantity]:
     }
     table = tabulate(type(content), [content], others)
     return dict(table.astype(object).where(table.notna(), None).iloc[0])
+
+
+def list_values(content: Result) -> dict[str, Quantity]:
+    """Return what a result states of the whole run, and the cells of its short tables."""
+    values = list_quantities(content)
+    for name, table in content.tables.items():
+        if len(table) <= _MOST_ROWS:
+            for number, row in enumerate(
+                table.astype(object).where(table.notna(), None).to_dict("records"), 1
+            ):
+                values |= {f"{name} {number}: {column}": cell for column, cell in row.items()}
+    return values
 
 
 def _is_quantity(kind: Any) -> bool:

@@ -21,7 +21,7 @@ from labrig.errors import LabrigError, MeasurementRefusedError, PictureError, Re
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import FrameLine, TrialStart, TrialStop
 from labrig.record.reader import Run
-from labrig.text import number
+from labrig.text import format_count, number
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
@@ -159,14 +159,9 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     shown = [tuple(_tell(row.get(name)) for name in heads) for row in rows[:_MOST_SHOWN]]
     told = [f"{name}  {_tell(value)}" for name, value in document["conclusion"].items()]
     more = [f"and {len(rows) - _MOST_SHOWN} more rows"] if len(rows) > _MOST_SHOWN else []
-    table = (TextTable(heads, tuple(shown)),) if rows else ("nothing was measured",)
-    values = {
-        f"trial {row['trial']}, frame {row['frame']}: {name}": row.get(name)
-        for row in rows
-        for name in heads
-        if name not in {"trial", "frame"}
-    }
-    return Summary((*table, *more, *told), {**values, **document["conclusion"]})
+    table = (TextTable(heads, tuple(shown)),) if rows else ()
+    measured = sum(row["reason"] is None for row in rows)
+    return (*table, *more, f"{measured} of {format_count(len(rows), 'picture')} measured", *told)
 
 
 def _tell(value: Any) -> Any:

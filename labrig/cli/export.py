@@ -70,10 +70,10 @@ def export(
 
 def _make_films(run: Any) -> Any:
     """Return the films of the newest result. Raises `InputError` when the run has no insertion."""
-    from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
+    from labrig.experiments.registry import find_run_experiment, load_run_result
 
-    page = find_run_experiment(run).part("make_page")(run, load_run_protocol(run), load_run_result(run))
-    films = page.make_films()
+    make_films, result = find_run_experiment(run).find_part("make_films"), load_run_result(run)
+    films = make_films(run, result) if make_films is not None and result is not None else ()
     if not films:
         raise InputError(
             f"{run.path} has no insertion to show as a film", "a film shows how a needle was steered"

@@ -58,7 +58,7 @@ def _say_what_is_left(finished: FinishedRun, *, measurable: bool) -> None:
 
 def print_summary(summary: Summary) -> None:
     """Print an experiment's summary of a result."""
-    for line in summary.lines:
+    for line in summary:
         if isinstance(line, TextTable):
             print_table(line.heads, line.rows)
         else:

@@ -69,8 +69,10 @@ def reanalyze(
 def _show(path: Path, outcome: Any) -> Row:
     """Print a new result beside the one that it is compared with, and return its row. Raises an error in its place."""
     from labrig.analysis.divergence import compare_results, find_frame
-    from labrig.experiments.registry import find_run_experiment, load_run_result
+    from labrig.analysis.result import list_quantities, list_values
+    from labrig.experiments.registry import load_run_result
     from labrig.record.reader import open_run
+    from labrig.report.formatting import label_quantity
 
     if isinstance(outcome, LabrigError):
         raise outcome
@@ -87,9 +89,13 @@ def _show(path: Path, outcome: Any) -> Row:
         if result is not None:
             changed = " ".join(result.content.overrides) or "the run's own settings"
             print_line(f"{name}: analysis/{result.path.name}, {changed}")
-    summarise = find_run_experiment(run).part("summarise")
-    before = {} if old is None else summarise(old.document).values
-    rows = [[name, before.get(name), value] for name, value in summarise(new).values.items()]
+    before, now = {} if old is None else list_values(old.content), list_values(outcome.content)
+    of_the_run = list_quantities(outcome.content)
+    rows = [
+        [label_quantity(name), before.get(name), value]
+        for name, value in now.items()
+        if name in of_the_run or before.get(name, value) != value
+    ]
     print_table(("", "old", "new"), rows)
     row: dict[str, object] = {"analysis": str(outcome.path), "reason": _find_missing_needle(new)}
     row |= {"parent": new["parent"], "verdict": None, "first_difference": None, "largest": {}}

@@ -4,7 +4,7 @@ What stands on every page is in `templates/base.html.jinja`: the head, what was 
 """
 
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import lru_cache
@@ -17,17 +17,16 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from labrig import __version__
 from labrig.analysis.pictures import load_lens
-from labrig.analysis.result import AnyResult
+from labrig.analysis.result import AnyResult, Summary
 from labrig.durable import write_atomically
 from labrig.errors import RecordError
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import INTERRUPTED, TrialStart, TrialStop
 from labrig.record.layout import INCOMPLETE, is_simulated
 from labrig.record.notes import Annotations
 from labrig.record.reader import Run
 from labrig.report.event_words import list_decisions
-from labrig.report.film_pictures import Film
 from labrig.report.formatting import (
-    Rows,
     flatten,
     format_time,
     format_value,
@@ -51,31 +50,31 @@ class Page:
 
     Attributes
     ----------
-    facts : tuple
-        Terms and values of the protocol; shown without a result too.
     template : Path
-        The experiment's template, which extends `base.html.jinja`; that one alone shows what every page has. Beside
-        `shown` it finds `run`, `result`, its `content` and its `folder`.
-    verdict : sequence of str
-        The result in a sentence or two.
+        The experiment's template, which extends `base.html.jinja`. Its block `facts` tells the `protocol`, also without
+        a result; `verdict`, the result in a sentence or two, `body` and `sure` find `run`, `result`, its `content` and
+        its `folder` beside what is in `shown`.
     plane : PlaneMap or None
         By which the pictures were measured; None for an experiment that measures none.
     shown : Mapping
         Further variables of the template, with all drawings.
-    make_films : callable
-        Returns films of the recorded pictures.
     """
 
-    facts: Rows = ()
-    template: Path = TEMPLATES / "base.html.jinja"
-    verdict: Sequence[str] = ()
+    template: Path
     plane: PlaneMap | None = None
     shown: Mapping[str, Any] = field(default_factory=dict)
-    make_films: Callable[[], Sequence[Film]] = tuple
 
 
 def write_report(
-    run: Run, page: Page, result: AnyResult | None, created: datetime, *, kind: str, can_resume: bool
+    run: Run,
+    protocol: ExperimentProtocol,
+    page: Page,
+    result: AnyResult | None,
+    created: datetime,
+    *,
+    kind: str,
+    can_resume: bool,
+    summary: Summary = (),
 ) -> Path:
     """Write `RUN/report.html`, replacing an older one, and return its path.
 
@@ -83,6 +82,8 @@ def write_report(
     ----------
     run : Run
         A run of any experiment and exit status.
+    protocol : ExperimentProtocol
+        Its protocol.
     page : Page
         The content from its experiment.
     result : AnyResult or None
@@ -93,6 +94,8 @@ def write_report(
         Title of the experiment.
     can_resume : bool
         Whether an interrupted run of it can be continued.
+    summary : tuple
+        The result in a few lines, whose sentences open the page unless the template tells it.
 
     Raises
     ------
@@ -106,10 +109,12 @@ def write_report(
     known = {f"{problem.where}: {problem.message}" for problem in run.damage}
     shown = {
         "run": run,
+        "protocol": protocol,
         "page": page,
         "result": result,
         "content": None if result is None else result.content,
         "folder": "" if result is None else f"analysis/{result.path.name}",
+        "sentences": [line for line in summary if isinstance(line, str)],
         "kind": kind,
         "can_resume": can_resume,
         "written": tell_writing(created),
@@ -118,6 +123,7 @@ def write_report(
         "annotations": annotations,
         "unreadable": unreadable,
         "damage": () if result is None else [fault for fault in result.content.damage if fault not in known],
+        "trials": trials,
         "unended": trials[-1].start.trial + 1 if trials and trials[-1].stop is None else None,
         "ended": sum(trial.exit_status not in {INCOMPLETE, INTERRUPTED} for trial in trials),
         "done": sum(trial.exit_status == "success" and not trial.left_out for trial in trials),

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.errors import RecordError
+from labrig.record.reader import Run
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.plane import PlaneMap
 
@@ -29,22 +31,29 @@ VIEW = JpegSize(1280, 85)
 
 
 @dataclass(frozen=True)
-class Photograph:
-    """A picture as it was recorded: JPEG as a data URI, width and height [px]."""
+class Plate:
+    """A recorded picture, and what is drawn over it in its own pixels, whatever size the JPEG has.
+
+    Attributes
+    ----------
+    href : str
+        The JPEG as a data URI.
+    width, height : int
+        Of the recorded picture [px].
+    lines : sequence of (str, str)
+        Names, and the `points` of SVG polylines.
+    words : sequence of (str, (float, float))
+        Words, and where they begin.
+    bar : (float, ((float, float), (float, float))) or None
+        Length and ends of a scale bar [mm, px].
+    """
 
     href: str
     width: int
     height: int
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """An axis drawn in the picture: its start, its end and the place of its name."""
-
-    name: str
-    start: Pixel
-    end: Pixel
-    label: Pixel
+    lines: Sequence[tuple[str, str]] = ()
+    words: Sequence[tuple[str, Pixel]] = ()
+    bar: tuple[float, tuple[Pixel, Pixel]] | None = None
 
 
 def data_uri(content: bytes, kind: str) -> str:
@@ -62,10 +71,13 @@ def jpeg(image: Picture, size: JpegSize) -> bytes:
     return content.tobytes()
 
 
-def photograph(image: Picture, size: JpegSize) -> Photograph:
-    """Return a recorded picture for the page, without lines over it."""
-    width, height = size_of(image)
-    return Photograph(data_uri(jpeg(image, size), "image/jpeg"), width, height)
+def photograph(run: Run, frame: int, size: JpegSize) -> Plate | None:
+    """Return a recorded picture for the page, with nothing over it; None if it cannot be read."""
+    try:
+        image = run.read_frame(frame)
+    except RecordError:
+        return None
+    return Plate(data_uri(jpeg(image, size), "image/jpeg"), *size_of(image))
 
 
 def polyline(px: FloatArray) -> str:

@@ -14,11 +14,9 @@ from labrig.analysis.row_table import RowTable
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, svg
-from labrig.report.formatting import Rows, number
 from labrig.report.page import Page
 from labrig.report.palette import mark
 from labrig.report.pictures import THUMBNAIL, photograph
-from labrig.text import format_count
 
 TEMPLATE = Path(__file__).parent / "templates" / "rows.html.jinja"
 
@@ -26,40 +24,20 @@ _OF_THE_PICTURE = ("trial", "frame", "role", "insertion_mm", "rotation_rad", "li
 _MOST_PICTURES = 24
 
 
-def make_page(run: Run, protocol: ExperimentProtocol, result: AnalysisResult[RowTable] | None) -> Page:
-    """Return the page of a run; without a result, the facts of its protocol."""
-    facts = _list_facts(protocol)
-    if result is None:
-        return Page(facts)
+def make_page(run: Run, _protocol: ExperimentProtocol, result: AnalysisResult[RowTable]) -> Page:
+    """Return the page of a run."""
     content = result.content
     shown = [row for row in content.rows if row["frame"] is not None][:_MOST_PICTURES]
     return Page(
-        facts,
         TEMPLATE,
-        [_write_verdict(content)],
         load_plane_map(run) if PLANE_FILE in run.calibration_files else None,
         {
-            "columns": content.columns,
-            "rows": [[_tell(row.get(name)) for name in content.columns] for row in content.rows],
             "figures": [_draw(content, name, place) for place, name in enumerate(_list_quantities(content))],
             "pictures": [
-                (photograph(run.read_frame(int(str(row["frame"]))), THUMBNAIL), f"trial {row['trial']}")
-                for row in shown
+                (photograph(run, int(str(row["frame"])), THUMBNAIL), f"trial {row['trial']}") for row in shown
             ],
         },
     )
-
-
-def _list_facts(protocol: ExperimentProtocol) -> Rows:
-    """Return what is plain in a protocol: its own numbers and words."""
-    own = protocol.model_dump(exclude=set(ExperimentProtocol.model_fields))
-    return tuple((name, str(value)) for name, value in own.items() if isinstance(value, int | float | str))
-
-
-def _write_verdict(content: RowTable) -> str:
-    measured = sum(row.get("reason") is None for row in content.rows)
-    told = "".join(f"; {name}: {_tell(value)}" for name, value in content.conclusion.items())
-    return f"{measured} of {format_count(len(content.rows), 'picture')} measured{told}."
 
 
 def _list_quantities(content: RowTable) -> Iterator[str]:
@@ -84,7 +62,3 @@ def _draw(content: RowTable, name: str, place: int) -> Markup:
         axes.set_ylabel(name)
         axes.grid(visible=True)
         return svg(figure, f"rows-{place}")
-
-
-def _tell(value: Any) -> str:
-    return "–" if value is None else number(value) if isinstance(value, float) else str(value)

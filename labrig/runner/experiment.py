@@ -70,7 +70,9 @@ PLACES: Mapping[str, tuple[str, ...]] = {
     "analyze": ("analysis", "study"),
     "RunResult": ("result",),
     "summarise": ("summary", "result", "page"),
+    "TEMPLATE": ("page",),
     "make_page": ("page",),
+    "make_films": ("page",),
     "make_view": ("view",),
     "follow": ("view",),
     "find_problems": ("protocol", "study"),
@@ -79,8 +81,9 @@ PLACES: Mapping[str, tuple[str, ...]] = {
 """Part of an experiment -> the modules of its package in which it may stand; a small one is a single module.
 
 `find_problems(protocol)` says why a protocol that moves no rig cannot be run; `tell_values(events, truths)` tells the
-quantities of a virtual run; `make_page(run, protocol, result)`, `make_view(run, result)` and `follow(run)` draw, and
-`summarise(result)` is for the terminal.
+quantities of a virtual run. `TEMPLATE` has the words of the page, `make_page(run, protocol, result)` what is drawn;
+`make_films(run, result)` shows a needle's way, `make_view(run, result)` and `follow(run)` draw in the viewer, and
+`summarise(result)` says the result in a few lines.
 """
 
 
@@ -216,6 +219,7 @@ _DEFAULTS: Mapping[str, tuple[str, str]] = {
     "analyze": ("labrig.analysis.row_table", "analyze_rows"),
     "RunResult": ("labrig.analysis.row_table", "RowTable"),
     "summarise": ("labrig.analysis.row_table", "summarise"),
+    "TEMPLATE": ("labrig.report.row_page", "TEMPLATE"),
     "make_page": ("labrig.report.row_page", "make_page"),
     "make_view": ("labrig.report.view", "show_record_alone"),
     "follow": ("labrig.report.view", "follow_record_alone"),

@@ -222,16 +222,22 @@ def write_page(run: Run, experiment: Experiment, result: AnyResult | None) -> Pa
         When the page cannot be written.
     """
     # Imported late: the processes that measure are forked before matplotlib is loaded, and stay small.
-    from labrig.report.page import write_report
+    from labrig.report.page import Page, write_report
 
     require_devices_installed(str(run.path), run.plugin_packages)
     protocol = load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model})
-    page = experiment.part("make_page")(run, protocol, result)
+    page = (
+        Page(experiment.part("TEMPLATE"))
+        if result is None
+        else experiment.part("make_page")(run, protocol, result)
+    )
     return write_report(
         run,
+        protocol,
         page,
         result,
         SystemClock().utc(),
         kind=experiment.title,
         can_resume=bool(run.manifest.get("trials_planned")),
+        summary=() if result is None else experiment.part("summarise")(result.document),
     )

@@ -32,23 +32,18 @@ class CalibrationResult(Result):
     corners: dict[str, tuple[Point, ...]]
 
 
-_LENS_PX = ("fx", "fy", "cx", "cy", "rms_px", "holdout_rms_px")
-_PLANE = ("mm_per_px", "rms_mm", "holdout_rms_mm")
-
-
 def summarise(document: Mapping[str, Any]) -> Summary:
     """Return the verdict and its reasons, and what the scale implies."""
-    lens, plane = document["intrinsics"] or {}, document["plane"] or {}
-    verdict = "calibration accepted" if document["accepted"] else "calibration refused"
-    return Summary(
-        (verdict, *(f"  {reason}" for reason in document["reasons"]), *filter(None, (plane.get("view"),))),
-        {
-            "accepted": document["accepted"],
-            "views used": sum(bool(view["used"]) for view in lens.get("views", ())),
-            **{f"lens: {name}": lens.get(name) for name in _LENS_PX},
-            **{f"plane: {name}": plane.get(name) for name in _PLANE},
-        },
+    lens, plane = document["intrinsics"], document["plane"]
+    if lens is None or plane is None:
+        return "The camera could not be calibrated.", *document["reasons"]
+    used = sum(view["used"] for view in lens["views"])
+    word = "Accepted" if document["accepted"] else "Refused"
+    found = (
+        f"{word}: {used} photographs of the board, fx {lens['fx']:.2f} px; graph paper maps to mm within "
+        f"{plane['rms_mm']:.3f} mm rms."
     )
+    return found, *document["reasons"], *filter(None, (plane.get("view"),))
 
 
 RunResult = CalibrationResult

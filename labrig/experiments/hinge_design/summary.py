@@ -19,14 +19,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     study = DesignStudy.model_validate(kept, strict=False)
     heads = ("", "equation (3)", "our contour")
     table = TextTable(heads, (*list_answers(study), *list_planes(study)))
-    return Summary(
-        (*list_findings(study), table, *list_warnings(study)),
-        {
-            "inclination by equation (3), degrees": study.beta_cut_deg,
-            "inclination on our contour, degrees": study.search.beta_cut_deg,
-            "RMSE of our plane, degrees": study.search.fit.rmse_deg,
-        },
-    )
+    return *list_findings(study), table, *list_warnings(study)
 
 
 def list_findings(study: DesignStudy) -> Iterator[str]:

@@ -1,8 +1,7 @@
 """The page of an insertion run: figure 9 of the paper, and the estimated tip along the way."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ from markupsafe import Markup
 
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult
-from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
@@ -21,11 +19,11 @@ from labrig.experiments.insertion.summary import describe_sighting_noise
 from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke
-from labrig.report.formatting import Rows, number
 from labrig.report.page import Page
-from labrig.report.pictures import PLATE, Photograph, Pixel, photograph, polyline, scale_bar
-from labrig.text import format_count
+from labrig.report.pictures import PLATE, Plate, photograph, polyline, scale_bar
 from labrig.vision.plane import PlaneMap
+
+__all__ = ["TEMPLATE", "make_films", "make_page"]
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 # At most this many insertions are shown picture by picture, misses first.
@@ -43,14 +41,11 @@ _OCCASIONS = {
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of figure 9; its lines are names with the `points` of SVG polylines in the picture's pixels."""
+    """One picture of figure 9: depth and time, why it is shown, and the picture with its lines."""
 
     title: str
     occasion: str
-    picture: Photograph
-    lines: Sequence[tuple[str, str]]
-    scale_mm: float
-    scale: tuple[Pixel, Pixel]
+    picture: Plate
 
 
 @dataclass(frozen=True)
@@ -62,27 +57,10 @@ class ShownInsertion:
     figure: Markup | None
 
 
-def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult] | None) -> Page:
+def make_page(run: Run, _protocol: InsertionProtocol, result: AnalysisResult[InsertionResult]) -> Page:
     """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
-    facts = _list_facts(protocol)
-    if result is None:
-        return Page(facts)
     content, plane = result.content, load_plane_map(run)
-    shown = _collect_content(run, content, plane)
-    return Page(
-        facts, TEMPLATE, _write_verdict(content), plane, shown, partial(make_films, run, content, plane)
-    )
-
-
-def _list_facts(protocol: InsertionProtocol) -> Rows:
-    return (
-        ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
-        ("Gel", f"{protocol.specimen.gelatin_percent:g} %"),
-        ("Obstacles", str(len(protocol.obstacles))),
-        ("Tolerance", f"{protocol.target.tolerance_mm:g} mm"),
-        ("Insertion speed", f"{protocol.insertion.speed_mm_s:g} mm/s"),
-        ("Planner, estimator", f"{protocol.planner.method}, {protocol.estimator.method}"),
-    )
+    return Page(TEMPLATE, plane, _collect_content(run, content, plane))
 
 
 def _collect_content(run: Run, content: InsertionResult, plane: PlaneMap) -> dict[str, Any]:
@@ -103,42 +81,6 @@ def _collect_content(run: Run, content: InsertionResult, plane: PlaneMap) -> dic
         ),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
     }
-
-
-def _write_verdict(content: InsertionResult) -> list[str]:
-    """Return the page in a sentence or two."""
-    if not content.made:
-        return ["No insertion was begun."]
-    several, sentences = content.made > 1, list[str]()
-    sentences.append(f"{content.arrived} of {format_count(content.made, 'insertion')} reached the target.")
-    open_ones = sum(trial.reached is None for trial in content.insertions)
-    if open_ones:
-        sentences.append(
-            f"{format_count(open_ones, 'insertion')} ended within the tolerance in the plane; whether in space too, "
-            "one camera does not tell."
-        )
-    if content.target_error_mm is not None:
-        where = "is never further than" if several else "is"
-        sigma_mm = None if several else content.insertions[0].sigma_target_error_mm
-        sure = "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"
-        sentences.append(
-            f"Measured by the shaft in the final picture, the needle's end {where} "
-            f"{number(content.target_error_mm)} mm from it{sure}."
-        )
-    if content.target_error_interval_mm is not None:
-        which = "the least certain insertion" if several else "it"
-        low, high = map(number, content.target_error_interval_mm)
-        sentences.append(
-            f"That is the distance in the plane; in space, {which} ended between {low} and {high} mm from the target "
-            f"with a probability of 95 %."
-        )
-    if content.true_target_error_mm is not None:
-        most, least = ("at most ", "at least ") if several else ("", "")
-        sentences.append(
-            f"The rig is simulated: the true error is {most}{number(content.true_target_error_mm)} mm, and "
-            f"the needle kept {least}{number(content.true_min_clearance_mm)} mm off the obstacles."
-        )
-    return [" ".join(sentences)]
 
 
 def _draw_insertion(
@@ -188,11 +130,9 @@ def _draw_panel(
     run: Run, frame: int | None, strokes: Sequence[Stroke], plane: PlaneMap, told: tuple[str, str]
 ) -> Iterator[Panel]:
     """Yield a picture with these lines over it, its title and its occasion; nothing if it cannot be read."""
-    if frame is None:
-        return
-    try:
-        picture = photograph(run.read_frame(frame), PLATE)
-    except RecordError:
-        return
-    lines = [(stroke.name, polyline(stroke.px)) for stroke in strokes]
-    yield Panel(*told, picture, lines, *scale_bar((picture.width, picture.height), plane))
+    plate = None if frame is None else photograph(run, frame, PLATE)
+    if plate is not None:
+        lines = [(stroke.name, polyline(stroke.px)) for stroke in strokes]
+        words = [(told[0], (0.02 * plate.width, 0.04 * plate.width))]
+        bar = scale_bar((plate.width, plate.height), plane)
+        yield Panel(*told, replace(plate, lines=lines, words=words, bar=bar))

@@ -1,7 +1,6 @@
 """What the page of a roll zero run shows: each insertion's deflection, and the cosine of the roll through them."""
 
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from matplotlib.figure import Figure
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
-from labrig.experiments.roll_zero.result import RollZeroResult, describe_torsion
+from labrig.experiments.roll_zero.result import RollZeroResult
 from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, svg
@@ -26,46 +25,14 @@ TEMPLATE = Path(__file__).with_name("page.html.jinja")
 _CURVE_POINTS = 181
 
 
-def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZeroResult] | None) -> Page:
+def make_page(run: Run, _protocol: RollZeroProtocol, result: AnalysisResult[RollZeroResult]) -> Page:
     """Return the page of a roll zero: the deflections, the cosine through them, and the pictures."""
-    steps = protocol.roll_zero
-    facts: tuple[tuple[str, str], ...] = (
-        ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
-        ("Gel", f"{steps.specimen.gelatin_percent:g} %"),
-        ("Insertions", f"{steps.rolls}, {steps.length_mm:g} mm deep"),
-    )
-    if steps.torsion is not None:
-        depths = ", ".join(f"{depth_mm:g}" for depth_mm in steps.torsion.depths_mm)
-        facts += (("Torsion", f"turned at {depths} mm, {steps.torsion.further_mm:g} mm further"),)
-    if result is None:
-        return Page(facts)
-    content = result.content
-    return Page(facts, TEMPLATE, _write_verdict(content), load_plane_map(run), _collect_content(run, content))
-
-
-def _write_verdict(result: RollZeroResult) -> list[Markup]:
-    """Return the roll zero with its uncertainty, or why there is none."""
-    if not result.accepted or result.fit is None:
-        return [Markup("Not certified: {}.").format("; ".join(result.reasons))]
-    zero, sd = math.degrees(result.fit["zero_rad"]), math.degrees(result.fit["sd_rad"])
-    lines = [
-        Markup(
-            "Needle {} bends towards -y where the rotation axis stands at {:.2f} degrees, SD {:.2f} degrees."
-        ).format(result.needle_id, zero, sd)
-    ]
-    if result.torsion is not None and result.torsion.fit is not None:
-        sentence = describe_torsion(asdict(result.torsion.fit))
-        lines.append(Markup("{}.").format(sentence[0].upper() + sentence[1:]))
-    return lines
+    return Page(TEMPLATE, load_plane_map(run), _collect_content(run, result.content))
 
 
 def _collect_content(run: Run, result: RollZeroResult) -> dict[str, Any]:
     shots = [
-        (
-            line.frame,
-            math.degrees(line.rotation_rad or 0.0),
-            photograph(run.read_frame(line.frame), THUMBNAIL),
-        )
+        (line.frame, math.degrees(line.rotation_rad or 0.0), photograph(run, line.frame, THUMBNAIL))
         for line in run.frame_lines
         if line.role == RollZeroRole.NEEDLE
     ]

@@ -64,20 +64,15 @@ class RollZeroResult(Result):
 
 def summarise(document: Mapping[str, Any]) -> Summary:
     """Return the zero and the torsion with their uncertainties, or why there are none."""
-    torsion = (document.get("torsion") or {}).get("fit")
-    lag = {} if torsion is None else {**torsion["lag"], "torsion_sd_rad": torsion["sd_rad"]}
-    values = {"accepted": document["accepted"], **(document["fit"] or {}), **lag}
-    return Summary(tuple(_list_lines(document)), values)
-
-
-def _list_lines(document: Mapping[str, Any]) -> list[str]:
-    fit = document["fit"]
+    fit, torsion = document["fit"], (document.get("torsion") or {}).get("fit")
     if fit is None or not document["accepted"]:
-        return ["roll zero refused", *(f"  {reason}" for reason in document["reasons"])]
-    zero, sd = (number(math.degrees(fit[key])) for key in ("zero_rad", "sd_rad"))
-    lines = [f"needle {document['needle_id']} bends towards -y at {zero} degrees, SD {sd} degrees"]
-    torsion = (document.get("torsion") or {}).get("fit")
-    return lines if torsion is None else [*lines, describe_torsion(torsion)]
+        return (f"Not certified: {'; '.join(document['reasons'])}.",)
+    zero, sd = (number(math.degrees(fit[key]), 2) for key in ("zero_rad", "sd_rad"))
+    found = (
+        f"Needle {document['needle_id']} bends towards -y where the rotation axis stands at {zero} degrees, "
+        f"SD {sd} degrees."
+    )
+    return (found,) if torsion is None else (found, describe_torsion(torsion))
 
 
 def describe_torsion(fit: Mapping[str, Any]) -> str:
@@ -86,12 +81,12 @@ def describe_torsion(fit: Mapping[str, Any]) -> str:
     best_rad = lag["lag_rad"] + lag["lag_rad_per_mm"] * lag["best_mm"]
     grows = abs(lag["lag_rad_per_mm"]) > _SEEN_SD * lag["per_mm_sd_rad"]
     if not grows and abs(best_rad) <= _SEEN_SD * lag["best_sd_rad"]:
-        return f"no lag of its bevel was seen (below {math.degrees(_SEEN_SD * fit['sd_rad']):.2g} degrees)"
+        return f"No lag of its bevel was seen (below {math.degrees(_SEEN_SD * fit['sd_rad']):.2g} degrees)."
     values = (lag["lag_rad"], lag["lag_rad_per_mm"], fit["sd_rad"])
     behind, per_mm, sd = (number(math.degrees(value)) for value in values)
     return (
-        f"its bevel stays behind the rotation axis by {behind} degrees on either side, and {per_mm} degrees for each "
-        f"mm in the gel, SD {sd} degrees"
+        f"Its bevel stays behind the rotation axis by {behind} degrees on either side, and {per_mm} degrees for each "
+        f"mm in the gel, SD {sd} degrees."
     )
 
 

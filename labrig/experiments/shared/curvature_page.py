@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from labrig.analysis.pictures import load_plane_map
-from labrig.analysis.result import AnyResult, CentreLines, load_centre_lines
+from labrig.analysis.result import AnalysisResult, CentreLines, load_centre_lines
 from labrig.experiments.shared.curvature_result import (
     CurvatureResult,
     PictureResult,
@@ -18,16 +18,16 @@ from labrig.experiments.shared.curvature_result import (
 )
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import (
-    CameraView,
     draw_camera_view,
-    draw_thumbnail,
+    draw_picture,
 )
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.record.reader import Run
 from labrig.report.figures import Design, GelSeries, draw_steerability_figure
-from labrig.report.formatting import Rows, number
+from labrig.report.formatting import number
 from labrig.report.page import Page
 from labrig.report.palette import Mark, mark
+from labrig.report.pictures import Plate
 from labrig.vision.plane import PlaneMap
 
 TEMPLATE = Path(__file__).with_name("curvature.html.jinja")
@@ -44,23 +44,16 @@ class GelRow:
 
 
 def make_curvature_page(
-    run: Run,
-    result: AnyResult,
-    content: CurvatureResult,
-    *,
-    facts: Rows,
-    verdict: Sequence[str],
-    design: Design | None = None,
+    run: Run, result: AnalysisResult[CurvatureResult], design: Design | None = None
 ) -> Page:
     """Return the page of measured curvatures with all figures drawn.
 
     Parameters
     ----------
-    facts, verdict
-        Facts of the protocol, and the result in a sentence or two.
     design : Design or None
         The arc that the needle was designed for; None for imported pictures, which have no figure 8.
     """
+    content = result.content
     lines = load_centre_lines(result.path)
     plane = load_plane_map(run)
     rows = list_gel_rows(content)
@@ -69,11 +62,9 @@ def make_curvature_page(
         for measurement in content.measurements
         if measurement.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}
     ]
-    sheets = [(measurement, draw_thumbnail(run, measurement, lines, plane)) for measurement in shown]
+    sheets = [(measurement, draw_picture(run, measurement, lines, plane)) for measurement in shown]
     return Page(
-        facts,
         TEMPLATE,
-        verdict,
         plane,
         {
             "rows": rows,
@@ -82,7 +73,7 @@ def make_curvature_page(
                 "Needle's tip": [measurement.tip_budget_mm for measurement in shown],
             },
             "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
-            "figure": None if design is None else _draw_figure(design, rows, content, lines),
+            "figure": _draw_figure(design, rows, content, lines),
             "view": _draw_last_picture(run, content, lines, plane),
             "groups": [
                 *((row, [sheet for sheet in sheets if _is_of_row(sheet[0], row)]) for row in rows),
@@ -97,7 +88,6 @@ def make_curvature_page(
                 for low, high in (result.radius_ci95_mm,)
             ],
             "roll_sd_deg": content.settings.roll_sd_deg,
-            "steerability": design is not None,
         },
     )
 
@@ -127,15 +117,15 @@ def _find_paper_gel(gelatin_percent: float) -> PaperGel | None:
 
 
 def _draw_figure(
-    design: Design, rows: Sequence[GelRow], content: CurvatureResult, lines: CentreLines
+    design: Design | None, rows: Sequence[GelRow], content: CurvatureResult, lines: CentreLines
 ) -> Markup | None:
-    """Return figure 8 of the paper; None if no radius was accepted."""
+    """Return figure 8 of the paper; None if no radius of an insertion was accepted."""
     accepted = [
         measurement
         for measurement in content.measurements
         if measurement.role == NeedleRole.FINAL and measurement.accepted
     ]
-    if not accepted:
+    if design is None or not accepted:
         return None
     bends = [measurement.bend for measurement in accepted]
     towards = replace(design, side=1 if bends.count("+y") > bends.count("-y") else -1)
@@ -163,7 +153,7 @@ def _make_series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLi
 
 def _draw_last_picture(
     run: Run, content: CurvatureResult, lines: CentreLines, plane: PlaneMap
-) -> CameraView | None:
+) -> Plate | None:
     """Return the view of the last accepted final picture of the first gel, which also shows the older tracks."""
     first = content.specimens[0].name if content.specimens else None
     candidates = [

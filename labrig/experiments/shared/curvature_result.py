@@ -16,7 +16,7 @@ from labrig.analysis.result import (
     tabulate,
 )
 from labrig.protocol.model import Model
-from labrig.text import interval, number
+from labrig.text import format_count, interval, number
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 
 
@@ -102,7 +102,7 @@ _HEADS = ("specimen", "gelatin %", "n", "refused", "radius mm", "SD mm", "95 % i
 
 def summarise(document: Mapping[str, Any]) -> Summary:
     """Return the paper's table, a row for each needle and gel; for imported pictures, how many were measured."""
-    groups, measured = document["specimens"], document["measurements"]
+    groups = document["specimens"]
     rows = tuple(
         (
             group["name"],
@@ -115,13 +115,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         )
         for group in groups
     )
-    mean = f"mean of the means  {number(document['mean_radius_mm'])} mm"
-    return Summary(
-        (TextTable(_HEADS, rows), mean) if rows else (),
-        {
-            **{f"{group['name']}: mean radius mm": group["mean_radius_mm"] for group in groups},
-            "pictures": len(measured),
-            "shaft and tip found": sum(bool(measurement["found"]) for measurement in measured),
-            "radius accepted": sum(bool(measurement["accepted"]) for measurement in measured),
-        },
-    )
+    if rows:
+        return TextTable(_HEADS, rows), f"mean of the means  {number(document['mean_radius_mm'])} mm"
+    measured = [bool(picture["accepted"]) for picture in document["measurements"]]
+    return (f"a radius is stated in {sum(measured)} of {format_count(len(measured), 'picture')}",)

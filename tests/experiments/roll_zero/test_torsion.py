@@ -78,7 +78,7 @@ def test_the_analysis_finds_the_same_lag_and_shows_it(measured: tuple[RollZero |
     assert torsion.fit is not None
     assert torsion.fit.lag.lag_rad_per_mm == pytest.approx(zero.torsion.lag_rad_per_mm, abs=1e-9)
     assert (page.result.path / "torsion.csv").read_text().count("\n") == 5
-    sentence = str(summarise(page.result.content.model_dump()).lines[-1])
+    sentence = str(summarise(page.result.document)[-1])
     assert "stays behind the rotation axis" in sentence
     assert f"SD {math.degrees(torsion.fit.sd_rad):.3f}" in sentence
     assert "<h2>Torsion</h2>" in page.html
@@ -94,9 +94,9 @@ def test_too_few_rolls_for_the_torsion_are_refused() -> None:
 @pytest.mark.parametrize(
     ("lag_deg", "per_mm_deg", "sentence"),
     [
-        (0.10, 0.005, "no lag of its bevel was seen (below 1.3 degrees)"),
-        (1.29, 0.005, "its bevel stays behind the rotation axis by 1.290 degrees"),
-        (0.10, 0.021, "its bevel stays behind the rotation axis by 0.100 degrees"),
+        (0.10, 0.005, "No lag of its bevel was seen (below 1.3 degrees)"),
+        (1.29, 0.005, "Its bevel stays behind the rotation axis by 1.290 degrees"),
+        (0.10, 0.021, "Its bevel stays behind the rotation axis by 0.100 degrees"),
     ],
 )
 def test_a_lag_is_told_only_where_it_was_seen(lag_deg: float, per_mm_deg: float, sentence: str) -> None:

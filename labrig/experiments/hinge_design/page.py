@@ -6,12 +6,7 @@ from labrig.analysis.result import AnalysisResult
 from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_section
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.result import DesignResult
-from labrig.experiments.hinge_design.summary import (
-    list_answers,
-    list_findings,
-    list_planes,
-    list_warnings,
-)
+from labrig.experiments.hinge_design.summary import list_findings, list_warnings
 from labrig.needle.hinge import Hinge
 from labrig.record.reader import Run
 from labrig.report.figures import DrawnFigure
@@ -27,8 +22,6 @@ def make_page(_run: Run, _protocol: DesignProtocol, result: AnalysisResult[Desig
         "sentences": list_findings(content),
         "section": _draw_section(content),
         "figure": draw_hinge_figure(content.cells, search.fit, "rotations"),
-        "answers": list(list_answers(content)),
-        "planes": list_planes(content),
         "warnings": list(list_warnings(content))[:-1],
         "b_percent": 100 * (search.fit.b / content.equation_3.b - 1),
         "cut_deg": None if search.beta_cut_deg is None else search.beta_cut_deg - content.beta_cut_deg,

@@ -1,6 +1,9 @@
 """The result of a design: what to cut for a steering radius, by equation (3) and on our own contour."""
 
+from collections.abc import Mapping
 from typing import Literal
+
+import pandas as pd
 
 from labrig.analysis.result import Result
 from labrig.needle.equations import EQUATION_3, RadiusTolerance, RotationPlane
@@ -75,6 +78,15 @@ class DesignResult(Result, DesignStudy):
     """The result of a design run."""
 
     kind: Literal["design"] = "design"
+
+    @property
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        """The searched grid: a row for each cell, with the values of both planes."""
+        grid = pd.DataFrame([vars(cell) for cell in self.cells])
+        grid["beta_rot_deg"] = grid["beta_a_deg"] + grid["beta_b_deg"]
+        for name, plane in (("plane_deg", self.search.fit), ("equation_3_deg", self.equation_3)):
+            grid[name] = [plane.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm) for cell in self.cells]
+        return {"grid": grid.assign(residual_deg=grid["beta_rot_deg"] - grid["plane_deg"])}
 
 
 RunResult = DesignResult

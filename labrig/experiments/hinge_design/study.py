@@ -1,4 +1,4 @@
-"""The study of a design: what to cut by equation (3) and by our own search, with the data of figure 3.
+"""The study of a design: what to cut by equation (3) and by our own search.
 
 `labrig design` and runs of the experiment design both come through `study_design`; the numbers are the same.
 """
@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from labrig.analysis.engine import DEFAULT_WORKERS, map_in_order, open_process_pool
 from labrig.analysis.experiment import AnalysisRequest
@@ -42,7 +40,6 @@ from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
 
 DESIGN_FILE = "design.json"
-GRID_FILE = "grid.csv"
 
 
 def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Findings:
@@ -57,7 +54,7 @@ def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Fi
     study = study_design(protocol, request.workers, request.progress)
     settings = {"grid_points": protocol.grid_points, "seed": protocol.seed}
     content = DesignResult(**stamp.list_members(settings), **dict(study))
-    return Findings(content, partial(save_study, study, stamp.provenance))
+    return Findings(content, partial(save_design_file, study, stamp.provenance))
 
 
 def find_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:
@@ -122,15 +119,8 @@ def study_design(
     )
 
 
-def save_study(study: DesignStudy, provenance: Mapping[str, Any], folder: Path) -> None:
-    """Write the grid as CSV, and the design file where there is something to cut.
-
-    Raises
-    ------
-    DiskError
-        When a file cannot be written.
-    """
-    write_atomically(folder / GRID_FILE, encode_hinge_table(study.cells, study.search.fit))
+def save_design_file(study: DesignStudy, provenance: Mapping[str, Any], folder: Path) -> None:
+    """Write the design file where there is something to cut. Raises `DiskError`."""
     if study.accepted:
         write_atomically(folder / DESIGN_FILE, encode_design_file(study, provenance))
 
@@ -160,20 +150,6 @@ def encode_design_file(study: DesignStudy, provenance: Mapping[str, Any]) -> byt
         provenance=dict(provenance),
     )
     return encode_document(design.model_dump(mode="json"))
-
-
-def encode_hinge_table(cells: tuple[GridPoint, ...], plane: RotationPlane) -> bytes:
-    """Return the searched grid as CSV: a line for each cell, with the values of both planes."""
-    table = pd.DataFrame([vars(cell) for cell in cells])
-    cut_deg, clearance_mm = table["beta_cut_deg"], table["clearance_mm"]
-    table["beta_rot_deg"] = table["beta_a_deg"] + table["beta_b_deg"]
-    table["plane_deg"] = plane.a * cut_deg + plane.b * clearance_mm + plane.c
-    table["residual_deg"] = table["beta_rot_deg"] - table["plane_deg"]
-    table["equation_3_deg"] = EQUATION_3.a * cut_deg + EQUATION_3.b * clearance_mm + EQUATION_3.c
-    angles = table.columns.difference(["clearance_mm", "beta_cut_deg"])
-    table[angles] = table[angles].round(4)
-    text: str = table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-    return text.encode("utf-8")
 
 
 def _design(protocol: DesignProtocol) -> Hinge:

@@ -1,25 +1,20 @@
-"""The answers of a design side by side, on a terminal and on its page."""
+"""The answers of a design in sentences, on a terminal and on its page."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from labrig.analysis.result import Summary, TextTable
+from labrig.analysis.result import Summary
 from labrig.experiments.hinge_design.result import DesignStudy
 from labrig.needle.design_search import STEEPEST_CUT_DEG
-from labrig.needle.equations import RadiusTolerance
 from labrig.needle.tube import TABLE_1
 from labrig.text import number
 
-Row = tuple[str, str, str]
-
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return both answers side by side, with warnings about their limits."""
+    """Return both answers in sentences, with what limits them."""
     kept = {key: value for key, value in document.items() if key in DesignStudy.model_fields}
     study = DesignStudy.model_validate(kept, strict=False)
-    heads = ("", "equation (3)", "our contour")
-    table = TextTable(heads, (*list_answers(study), *list_planes(study)))
-    return *list_findings(study), table, *list_warnings(study)
+    return *list_findings(study), *list_warnings(study)
 
 
 def list_findings(study: DesignStudy) -> Iterator[str]:
@@ -43,44 +38,6 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
             f"{number(measured.beta_cut_deg, 2)} degrees, a clearance of {number(measured.clearance_mm, 4)} mm by "
             f"equation (3), {number(measured.search_clearance_mm, 4)} mm by our contour."
         )
-
-
-def list_answers(study: DesignStudy) -> Iterator[Row]:
-    """Yield each quantity, its value by equation (3), and by our contour; those to cut by first."""
-    search = study.search
-    for label, key in (
-        ("inclination to cut [degrees]", "beta_cut_deg"),
-        ("two hinges turn [degrees]", "beta_rot_deg"),
-    ):
-        yield label, number(getattr(study, key), 2), number(getattr(search, key), 2)
-    within, by_clearance, by_cut = zip(*map(_describe, (study.tolerance, search.tolerance)), strict=True)
-    yield ("radius within the tolerances [mm]", *within)
-    turns = f"{number(search.beta_a_deg, 2)}, {number(search.beta_b_deg, 2)}"
-    yield "hinge a turns, hinge b turns [degrees]", "-", turns
-    yield "radius [mm]", number(study.radius_mm, 2), number(search.radius_mm, 2)
-    yield ("change of radius for 0.001 mm of clearance [mm]", *by_clearance)
-    yield ("change of radius for 0.1 degrees of inclination [mm]", *by_cut)
-
-
-def _describe(tolerance: RadiusTolerance | None) -> Row:
-    """Return the radius within a tolerance, and its changes with clearance and inclination."""
-    if tolerance is None:
-        return "-", "-", "-"
-    low, high = number(tolerance.low_mm, 2), number(tolerance.high_mm, 2)
-    within = f"{low} or more" if tolerance.high_mm is None else f"{low} to {high}"
-    return within, number(0.001 * tolerance.per_clearance), number(0.1 * tolerance.per_degree_mm)
-
-
-def list_planes(study: DesignStudy) -> Iterator[Row]:
-    """Yield each number of the planes, of equation (3) and of our contour."""
-    for label, key, digits in (
-        ("degrees per degree of inclination", "a", 3),
-        ("degrees per mm of clearance", "b", 1),
-        ("constant [degrees]", "c", 3),
-        ("RMSE of the plane [degrees]", "rmse_deg", 4),
-    ):
-        paper, ours = getattr(study.equation_3, key), getattr(study.search.fit, key)
-        yield label, number(paper, digits), number(ours, digits)
 
 
 def list_warnings(study: DesignStudy) -> Iterator[str]:

@@ -10,7 +10,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -52,10 +51,10 @@ from labrig.record.agreement import SHARE_OF_SD
 from labrig.record.events import INTERRUPTED
 from labrig.record.layout import INCOMPLETE
 from labrig.record.reader import Run
-from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.policy import TipSighting
 from labrig.steering.problem import PlanProblem
 from labrig.steering.sighting_noise import SeenInsertion, measure_noise
-from labrig.steering.state import SteeringState, begin_steering, take_in_sighting, turn_bevel
+from labrig.steering.state import begin_steering, take_in_sighting, turn_bevel
 from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.marker import MarkerFix
@@ -101,27 +100,6 @@ class _Source:
         return error.message.replace(f"{self.run.path}/", "")
 
 
-@dataclass(frozen=True)
-class _Events:
-    """The recorded events of one insertion."""
-
-    start: InsertionStart
-    stop: InsertionStop
-    sheath: TrialOrigin | None
-    way: tuple[InsertionEvent, ...]
-    true: TrueInsertion
-
-
-@dataclass(frozen=True, eq=False)
-class _Retraced:
-    """An insertion followed again: how it was steered in the end, its steps and markers, and what was seen of it."""
-
-    settings: SteeringSettings
-    steps: Sequence[InsertionStep]
-    markers: FollowedMarkers | None
-    seen: SeenInsertion
-
-
 def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> Findings:
     """Measure where each insertion ended, and estimate its path again.
 
@@ -137,14 +115,13 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
     sentinel = check_sentinel(protocol.sentinel, run.read_frame, run.frame_lines, plane)
     view = TipView(plane, template.relative_to(plane.insertion), request.mask)
     source = _Source(run, view, protocol, sentinel)
-    trials = _read_trials(run)
-    insertions, seen = list[InsertionTrial](), list[SeenInsertion]()
-    for number, trial in enumerate(trials, start=1):
-        retraced = _retrace(trial, source)
-        insertions.append(_analyze_trial(trial, retraced, source))
-        seen.append(retraced.seen)
+    made, insertions, seen = _read_insertions(source), list[InsertionTrial](), list[SeenInsertion]()
+    for number, insertion in enumerate(made, start=1):
+        insertion.follow()
+        insertions.append(insertion.analyze())
+        seen.append(SeenInsertion(insertion.begun, tuple(insertion.seen)))
         if request.progress is not None:
-            request.progress(number, len(trials))
+            request.progress(number, len(made))
     steps = [step for trial in insertions for step in trial.steps if step.believed]
     scenes = [line for line in run.frame_lines if line.role == InsertionRole.SCENE]
     result = InsertionResult(
@@ -171,217 +148,215 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         sighting_noise=measure_noise(
             seen[:_MOST_NOISE_INSERTIONS],
             _known(step.nis for step in steps),
-            _restore_settings(trials[0], protocol),
+            made[0].planned,
         )
-        if trials
+        if made
         else None,
         not_in_interval=list_not_in_interval(plane, (trial.target_error_budget_mm for trial in insertions)),
     )
     return Findings(result)
 
 
-def _read_trials(run: Run) -> list[_Events]:
-    """Return the recorded events of each insertion that was neither made again nor left out by a person."""
-    trials = run.read_trials(InsertionStart, InsertionStop)
+@dataclass(eq=False)
+class _Insertion:
+    """A recorded insertion: its events, and what is known of it after those that were followed again."""
+
+    source: _Source
+    start: InsertionStart
+    stop: InsertionStop
+    sheath: TrialOrigin | None
+    way: tuple[InsertionEvent, ...]
+    true: TrueInsertion
+
+    def __post_init__(self) -> None:
+        start, protocol = self.start, self.source.protocol
+        self.aim = Aim(start.target_mm, start.obstacles)
+        try:
+            asked = make_insertion_settings(protocol, start.target_mm, start.obstacles)
+        except InputError:  # an insertion that ended before it was planned: its target lies in an obstacle
+            asked = make_insertion_settings(protocol, start.target_mm, ())
+        self.planned = self.settings = start_at(asked, self.sheath)
+        self.markers = FollowedMarkers.of(protocol, self.source.view.plane)
+        self.begun = self.state = begin_steering(self.settings)
+        self.steps, self.seen = list[InsertionStep](), list[TipSighting | float]()
+
+    def follow(self) -> None:
+        """Find tip and markers again in each picture, and estimate the tip's pose with the recorded turns."""
+        for event in self.way:
+            match event:
+                case MarkersSought():
+                    self._follow_markers(event)
+                case BevelTurn():
+                    self.seen.append(event.to_rad - event.from_rad)
+                    self.state = turn_bevel(self.state, event.to_rad - event.from_rad, self.settings)
+                case TipObserved():
+                    self._observe(event)
+
+    def _follow_markers(self, event: MarkersSought) -> None:
+        if self.markers is not None:
+            corners = (
+                (seen, None if seen.corners_px is None else np.array(seen.corners_px))
+                for seen in event.markers
+            )
+            found = [MarkerFix(seen.marker_id, px, seen.reason) for seen, px in corners]
+            self.markers = self.markers.take(found, event.trial, event.frame, event.depth_mm)
+            self.settings, _ = self.markers.place(self.settings, self.aim)
+
+    def _observe(self, event: TipObserved) -> None:
+        predicted = self.state.predict(event.depth_mm, self.settings)
+        fix, seen_mm = self._find_tip(event, predicted)
+        self.state = take_in_sighting(self.state, TipSighting(event.depth_mm, seen_mm), self.settings)
+        tip = self.state.tip
+        self.seen.append(TipSighting(event.depth_mm, seen_mm if tip.accepted else None))
+        self.steps.append(
+            InsertionStep(
+                frame=event.frame,
+                t_s=event.t_s,
+                **describe_sighting(fix, seen_mm, predicted[:3, 3], self.state),
+                clearance_mm=_find_clearance_mm(tip.position_mm, self.settings.problem),
+                **_find_truth(self.true.path_in_plane_mm, event.depth_mm),
+            )
+        )
+
+    def _find_tip(self, event: TipObserved, predicted: FloatArray) -> tuple[TipFix, FloatArray | None]:
+        """Find the tip in a recorded picture, as a live insertion does."""
+        source = self.source
+        try:
+            image = source.run.pictures.places[event.frame].read()
+            found = find_tip(source.view, image, predicted, self.state.tip, event.bevel_rad)
+        except (PictureError, RecordError) as error:
+            return TipFix(accepted=False, reason=source.explain(error)), None
+        return found.fix, found.position_mm
+
+    def analyze(self) -> InsertionTrial:
+        """Return how the insertion ended."""
+        start, stop, steps, markers = self.start, self.stop, self.steps, self.markers
+        target_mm = self.settings.problem.target_mm[1:]
+        end, unmeasured = self._measure_end()
+        budget = None if end is None else _find_budget(end, target_mm, self.source)
+        bounds = self._judge_end(end)
+        ending = self._decide_ending(bounds)
+        nis = _known(step.nis for step in steps if step.believed)
+        return InsertionTrial(
+            **start.model_dump(include={"trial", "target_mm", "marker_ids"}),
+            start_t_s=start.t_s,
+            obstacles=start.obstacles,
+            outcome=ending.outcome,
+            stop=ending.stop,
+            cause=ending.cause,
+            reached=ending.reached,
+            tolerance_mm=self.settings.problem.tolerance_mm,
+            final_frame=stop.final_frame,
+            replans=stop.replans,
+            length_mm=None if stop.exit_status == INCOMPLETE else stop.depth_mm,
+            tip_mm=None if end is None else end.tip_mm,
+            shaft_mm=() if end is None else _thin_path(end.centre_line_mm),
+            target_error_mm=None if end is None else math.dist(end.tip_mm, target_mm),
+            sigma_target_error_mm=None if budget is None else budget.total,
+            target_error_budget_mm=budget,
+            unmeasured=unmeasured,
+            **({} if bounds is None else bounds.describe()),
+            template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
+            **self.true.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
+            true_path_mm=_thin_path(self.true.path_in_plane_mm),
+            missed_sightings=sum(not step.believed for step in steps),
+            mean_nis=float(np.mean(nis)) if nis else None,
+            steps=tuple(steps),
+            as_recorded=self._agrees(),
+            marker_steps=() if markers is None else tuple(_list_marker_steps(markers)),
+        )
+
+    def _agrees(self) -> bool:
+        """Return whether every estimate is the recorded one, as closely as two processors agree."""
+        recorded = (event for event in self.way if isinstance(event, TipObserved))
+        return all(
+            math.dist(step.estimate_mm, before.estimate_mm) <= SHARE_OF_SD * step.position_sd_mm
+            for step, before in zip(self.steps, recorded, strict=True)
+        )
+
+    def _measure_end(self) -> tuple[ShaftTip | None, str | None]:
+        """Measure the shaft in the final picture; without a measurement, return the reason."""
+        frame, source, protocol = self.stop.final_frame, self.source, self.source.protocol
+        if frame is None or source.bumped is not None:
+            return None, source.bumped if frame is not None else "there is no final picture"
+        try:
+            shaft = measure_shaft_tip(
+                source.run.pictures.places[frame].read(),
+                source.view.plane,
+                protocol.needle.diameter_mm,
+                protocol.sheath.diameter_mm,
+                mask=source.view.mask,
+                roll_sd_rad=self.start.roll_zero_sd_rad,
+            )
+        except (MeasurementRefusedError, PictureError, RecordError) as error:
+            return None, source.explain(error)
+        return shaft, None
+
+    def _judge_end(self, shaft: ShaftTip | None) -> TargetErrorBounds | None:
+        """Return the distance in space from the target; None if nothing was seen, or the camera was bumped."""
+        start, stop, source, tip = self.start, self.stop, self.source, self.state.tip
+        if stop.exit_status == INCOMPLETE or source.bumped is not None:
+            return None
+        turns = [event for event in self.way if isinstance(event, BevelTurn)]
+        backlash_mm = self.settings.policy.backlash_mm
+        return judge_end(
+            trace_path(turns, start.roll_zero_rad, stop.depth_mm, stop.centred, backlash_mm),
+            self.settings,
+            make_out_of_plane(source.protocol, start.roll_zero_sd_rad, start.torsion),
+            source.view.plane,
+            find_target_sd_mm(source.protocol, self.markers),
+            shaft=shaft,
+            estimate=EstimatedEnd(tip.position_mm[1:], tip.position_sd_mm) if self.steps else None,
+            drift=source.drift,
+        )
+
+    def _decide_ending(self, bounds: TargetErrorBounds | None) -> Ending:
+        """Return how it ended: as the live one was decided, unless the camera was bumped."""
+        stop, held = self.stop, next((event for event in self.way if isinstance(event, NeedleHeld)), None)
+        if held is None or stop.exit_status == INCOMPLETE:
+            return Ending(stop.outcome, str(stop.stop), stop.cause)
+        doubt = None if self.markers is None else self.markers.doubt
+        if self.source.bumped is not None:
+            doubt = Ending("unknown", "camera_bumped", self.source.bumped)
+        return decide_ending(str(held.stop), held.detail, bounds, self.settings.problem.tolerance_mm, doubt)
+
+
+def _read_insertions(source: _Source) -> list[_Insertion]:
+    """Return each recorded insertion that was neither made again nor left out by a person."""
+    run = source.run
     sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
     way = run.read_events(BevelTurn, TipObserved, MarkersSought, NeedleHeld)
     true = run.read_truth(TrueInsertion)
     return [
-        _Events(
+        _Insertion(
+            source,
             trial.start,
             trial.stop or InsertionStop(trial=trial.start.trial, **_UNRECORDED),
             sheaths.get(trial.start.trial),
             tuple(event for event in way if event.trial == trial.start.trial),
             true.get(trial.start.trial, TrueInsertion(trial=trial.start.trial)),
         )
-        for trial in trials
+        for trial in run.read_trials(InsertionStart, InsertionStop)
         if not trial.left_out and trial.exit_status != INTERRUPTED
     ]
 
 
-def _analyze_trial(events: _Events, retraced: _Retraced, source: _Source) -> InsertionTrial:
-    start, stop, truth = events.start, events.stop, events.true
-    settings, steps, markers = retraced.settings, retraced.steps, retraced.markers
-    tolerance_mm, target_mm = settings.problem.tolerance_mm, settings.problem.target_mm[1:]
-    end, unmeasured = _measure_end(stop, source, start.roll_zero_sd_rad)
-    budget = None if end is None else _find_budget(end, target_mm, source)
-    bounds = _judge_end(events, retraced, source, end)
-    ending = _decide_ending(events, bounds, retraced, source)
-    return InsertionTrial(
-        trial=start.trial,
-        start_t_s=start.t_s,
-        outcome=ending.outcome,
-        stop=ending.stop,
-        cause=ending.cause,
-        reached=ending.reached,
-        target_mm=start.target_mm,
-        tolerance_mm=tolerance_mm,
-        obstacles=start.obstacles,
-        final_frame=stop.final_frame,
-        replans=stop.replans,
-        length_mm=None if stop.exit_status == INCOMPLETE else stop.depth_mm,
-        tip_mm=None if end is None else end.tip_mm,
-        shaft_mm=() if end is None else _thin_path(end.centre_line_mm),
-        target_error_mm=None if end is None else math.dist(end.tip_mm, target_mm),
-        sigma_target_error_mm=None if budget is None else budget.total,
-        target_error_budget_mm=budget,
-        unmeasured=unmeasured,
-        **_describe_bounds(bounds),
-        template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
-        **truth.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
-        true_path_mm=_thin_path(truth.path_in_plane_mm),
-        missed_sightings=sum(not step.believed for step in steps),
-        mean_nis=float(np.mean(nis))
-        if (nis := _known(step.nis for step in steps if step.believed))
-        else None,
-        steps=tuple(steps),
-        as_recorded=_agree(steps, events),
-        marker_ids=start.marker_ids,
-        marker_steps=()
-        if markers is None
-        else tuple(
-            MarkerStep(
-                frame=event.frame, depth_mm=event.depth_mm, **marker.model_dump(exclude={"corners_px"})
-            )
-            for event in markers.sought
-            for marker in event.markers
-        ),
-    )
+def _list_marker_steps(markers: FollowedMarkers) -> Iterator[MarkerStep]:
+    for event in markers.sought:
+        for seen in event.markers:
+            fields = seen.model_dump(exclude={"corners_px"})
+            yield MarkerStep(frame=event.frame, depth_mm=event.depth_mm, **fields)
 
 
-def _describe_bounds(bounds: TargetErrorBounds | None) -> dict[str, Any]:
-    if bounds is None:
-        return {}
-    return {
-        "target_error_interval_mm": bounds.interval_mm,
-        "target_error_interval_by": bounds.by,
-        "target_error_interval_tip_mm": bounds.tip_mm,
-        "target_error_sources_mm": bounds.sources,
-        "depth": bounds.depth,
-    }
-
-
-def _agree(steps: Sequence[InsertionStep], events: _Events) -> bool:
-    """Return whether every estimate is the recorded one, as closely as two processors agree."""
-    recorded = (event for event in events.way if isinstance(event, TipObserved))
-    return all(
-        math.dist(step.estimate_mm, before.estimate_mm) <= SHARE_OF_SD * step.position_sd_mm
-        for step, before in zip(steps, recorded, strict=True)
-    )
-
-
-def _restore_settings(events: _Events, protocol: InsertionProtocol) -> SteeringSettings:
-    try:
-        asked = make_insertion_settings(protocol, events.start.target_mm, events.start.obstacles)
-    except InputError:  # an insertion that ended before it was planned: its target lies in an obstacle
-        asked = make_insertion_settings(protocol, events.start.target_mm, ())
-    return start_at(asked, events.sheath)
-
-
-def _judge_end(
-    events: _Events, retraced: _Retraced, source: _Source, shaft: ShaftTip | None
-) -> TargetErrorBounds | None:
-    """Return the distance in space from the target; None if nothing was seen, or the camera was bumped."""
-    start, stop, settings = events.start, events.stop, retraced.settings
-    if stop.exit_status == INCOMPLETE or source.bumped is not None:
-        return None
-    turns = [event for event in events.way if isinstance(event, BevelTurn)]
-    last = retraced.steps[-1] if retraced.steps else None
-    return judge_end(
-        trace_path(turns, start.roll_zero_rad, stop.depth_mm, stop.centred, settings.policy.backlash_mm),
-        settings,
-        make_out_of_plane(source.protocol, start.roll_zero_sd_rad, start.torsion),
-        source.view.plane,
-        find_target_sd_mm(source.protocol, retraced.markers),
-        shaft=shaft,
-        estimate=None if last is None else EstimatedEnd(np.array(last.estimate_mm), last.position_sd_mm),
-        drift=source.drift,
-    )
-
-
-def _decide_ending(
-    events: _Events, bounds: TargetErrorBounds | None, retraced: _Retraced, source: _Source
-) -> Ending:
-    """Return how an insertion ended: as the live one was decided, unless the camera was bumped."""
-    stop, held = events.stop, next((event for event in events.way if isinstance(event, NeedleHeld)), None)
-    if held is None or stop.exit_status == INCOMPLETE:
-        return Ending(stop.outcome, str(stop.stop), stop.cause)
-    doubt = None if retraced.markers is None else retraced.markers.doubt
-    if source.bumped is not None:
-        doubt = Ending("unknown", "camera_bumped", source.bumped)
-    tolerance_mm = retraced.settings.problem.tolerance_mm
-    return decide_ending(str(held.stop), held.detail, bounds, tolerance_mm, doubt)
-
-
-def _retrace(events: _Events, source: _Source) -> _Retraced:
-    """Find tip and markers again in each picture, and estimate the tip's pose with the recorded turns."""
-    start, settings = events.start, _restore_settings(events, source.protocol)
-    aim, markers = (
-        Aim(start.target_mm, start.obstacles),
-        FollowedMarkers.of(source.protocol, source.view.plane),
-    )
-    begun = state = begin_steering(settings)
-    steps, way = list[InsertionStep](), list[TipSighting | float]()
-    depths_mm = [event.depth_mm for event in events.way if isinstance(event, TipObserved)]
-    truths = _list_truths(events.true.path_in_plane_mm, depths_mm)
-    for event in events.way:
-        if isinstance(event, MarkersSought) and markers is not None:
-            found = [
-                MarkerFix(
-                    marker.marker_id,
-                    None if marker.corners_px is None else np.array(marker.corners_px),
-                    marker.reason,
-                )
-                for marker in event.markers
-            ]
-            markers = markers.take(found, event.trial, event.frame, event.depth_mm)
-            settings, _ = markers.place(settings, aim)
-        elif isinstance(event, BevelTurn):
-            way.append(event.to_rad - event.from_rad)
-            state = turn_bevel(state, event.to_rad - event.from_rad, settings)
-        elif isinstance(event, TipObserved):
-            predicted = state.predict(event.depth_mm, settings)
-            fix, seen_mm = _find_tip_again(event, predicted, state, source)
-            state = take_in_sighting(state, TipSighting(event.depth_mm, seen_mm), settings)
-            way.append(TipSighting(event.depth_mm, seen_mm if state.tip.accepted else None))
-            steps.append(
-                InsertionStep(
-                    frame=event.frame,
-                    t_s=event.t_s,
-                    **describe_sighting(fix, seen_mm, predicted[:3, 3], state),
-                    clearance_mm=_find_clearance_mm(state.tip.position_mm, settings.problem),
-                    **next(truths),
-                )
-            )
-    return _Retraced(settings, steps, markers, SeenInsertion(begun, tuple(way)))
-
-
-def _list_truths(path_mm: FloatArray, depths_mm: Sequence[float]) -> Iterator[dict[str, Any]]:
-    """Return the true place and heading at insertion lengths on a path (N, 2); None for both without a path."""
+def _find_truth(path_mm: FloatArray, depth_mm: float) -> dict[str, Any]:
+    """Return the true place and heading at an insertion length on a path (N, 2); None for both without a path."""
     if len(path_mm) < 2:
-        return repeat({"true_mm": None, "true_heading_rad": None})
+        return {"true_mm": None, "true_heading_rad": None}
     rises_mm = np.diff(path_mm, axis=0)
     arc_mm = np.concatenate(([0.0], np.cumsum(np.linalg.norm(rises_mm, axis=1))))
-    places = np.column_stack([np.interp(depths_mm, arc_mm, along) for along in path_mm.T]).tolist()
-    at = np.clip(np.searchsorted(arc_mm, depths_mm), 1, len(rises_mm)) - 1
-    headings_rad = np.arctan2(*rises_mm[at].T).tolist()
-    return (
-        {"true_mm": tuple(place), "true_heading_rad": heading}
-        for place, heading in zip(places, headings_rad, strict=True)
-    )
-
-
-def _find_tip_again(
-    event: TipObserved, predicted: FloatArray, state: SteeringState, source: _Source
-) -> tuple[TipFix, FloatArray | None]:
-    """Find the tip in a recorded picture, as a live insertion does."""
-    picture = source.run.pictures.places[event.frame]
-    try:
-        image = picture.read()
-        found = find_tip(source.view, image, predicted, state.tip, event.bevel_rad)
-    except (PictureError, RecordError) as error:
-        return TipFix(accepted=False, reason=source.explain(error)), None
-    return found.fix, found.position_mm
+    at = min(max(int(np.searchsorted(arc_mm, depth_mm)), 1), len(rises_mm)) - 1
+    place_mm = tuple(float(np.interp(depth_mm, arc_mm, along)) for along in path_mm.T)
+    return {"true_mm": place_mm, "true_heading_rad": float(np.arctan2(*rises_mm[at]))}
 
 
 def _find_clearance_mm(position_mm: FloatArray, problem: PlanProblem) -> float | None:
@@ -390,30 +365,6 @@ def _find_clearance_mm(position_mm: FloatArray, problem: PlanProblem) -> float |
         math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in problem.obstacles
     ]
     return min(apart) - problem.diameter_mm / 2 if apart else None
-
-
-def _measure_end(
-    stop: InsertionStop, source: _Source, roll_sd_rad: float
-) -> tuple[ShaftTip | None, str | None]:
-    """Measure the shaft in the final picture; without a measurement, return the reason."""
-    if stop.final_frame is None:
-        return None, "there is no final picture"
-    if source.bumped is not None:
-        return None, source.bumped
-    picture = source.run.pictures.places[stop.final_frame]
-    try:
-        image, mask, protocol = picture.read(), source.view.mask, source.protocol
-        shaft = measure_shaft_tip(
-            image,
-            source.view.plane,
-            protocol.needle.diameter_mm,
-            protocol.sheath.diameter_mm,
-            mask=mask,
-            roll_sd_rad=roll_sd_rad,
-        )
-    except (MeasurementRefusedError, PictureError, RecordError) as error:
-        return None, source.explain(error)
-    return shaft, None
 
 
 def _find_budget(end: ShaftTip, target_mm: tuple[float, float], source: _Source) -> ErrorBudget:

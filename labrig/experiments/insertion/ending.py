@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -247,7 +248,7 @@ class TargetErrorBounds:
             )
             return Ending("missed", "target_missed", cause)
         arrival = decide_arrival(self.interval_mm, tolerance_mm)
-        cause = f"the needle's end is {self._describe()}, and {tolerance_mm:g} mm are allowed"
+        cause = f"the needle's end is {self._tell()}, and {tolerance_mm:g} mm are allowed"
         if self.depth is not None and self.depth.contradicts:
             outcome = "missed" if arrival == "missed" else "reached_in_plane_only"
             return Ending(outcome, "left_the_plane", f"{_describe_depth(self.depth)}; {cause}", _LEFT_HINT)
@@ -280,7 +281,17 @@ class TargetErrorBounds:
             _SOURCES[self.sources.largest][1],
         )
 
-    def _describe(self) -> str:
+    def describe(self) -> dict[str, Any]:
+        """Return the members of an insertion's result."""
+        return {
+            "target_error_interval_mm": self.interval_mm,
+            "target_error_interval_by": self.by,
+            "target_error_interval_tip_mm": self.tip_mm,
+            "target_error_sources_mm": self.sources,
+            "depth": self.depth,
+        }
+
+    def _tell(self) -> str:
         low_mm, high_mm = self.interval_mm
         return (
             f"{self.in_plane_mm:.2f} mm from the target in the plane, and between {low_mm:.2f} and {high_mm:.2f} mm "

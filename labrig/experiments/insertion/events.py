@@ -10,7 +10,7 @@ from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.experiments.shared.sheath_event import SheathEvent
 from labrig.needle.kinematics import FloatArray
 from labrig.record.events import Event, PictureRole, TrialStop, TruthLine
-from labrig.steering.planner import PlannedArc
+from labrig.steering.planner import Plan
 from labrig.steering.problem import Obstacle
 from labrig.steering.state import SteeringState
 from labrig.steering.torsion import TorsionalLag
@@ -201,16 +201,8 @@ class MarkersSought(InsertionEvent):
     markers: tuple[RecordedMarker, ...]
 
 
-class RecordedPose(_Part):
-    """The pose at which a path begins."""
-
-    position_mm: _Point
-    heading_rad: float
-    rotation: tuple[_Point, _Point, _Point]
-
-
 class PathSought(InsertionEvent):
-    """The planner ran: on which occasion, from where, and what it found or why it found nothing."""
+    """The planner ran: on which occasion, from which pose, and what it found or why it found nothing."""
 
     kind: ClassVar[str] = "plan"
 
@@ -220,16 +212,9 @@ class PathSought(InsertionEvent):
     refusal: str | None
     replans: int
     from_mm: float
-    start: RecordedPose
-    found: bool
-    reason: str | None
-    arcs: tuple[PlannedArc, ...]
-    tip_mm: _Point | None
-    target_error_mm: float | None
-    clearance_mm: float | None
-    length_mm: float | None
-    worst_target_error_mm: float | None
-    worst_clearance_mm: float | None
+    start_mm: _Point
+    start_rotation: tuple[_Point, _Point, _Point]
+    plan: Plan
 
 
 class TrueInsertion(TruthLine):

@@ -61,10 +61,10 @@ def _plot_lost(axes: Axes, steps: pd.DataFrame, colour: str, label: str) -> None
 
 def _find_length(steps: pd.DataFrame, name: str, less: str | None = None) -> Any:
     """Return the length of a vector of (y, z), less another, step by step [mm]."""
-    parts = [
+    y_mm, z_mm = (
         steps[f"{name}_{axis}_mm"] - (0.0 if less is None else steps[f"{less}_{axis}_mm"]) for axis in "yz"
-    ]
-    return np.hypot(*parts)
+    )
+    return np.hypot(y_mm, z_mm)
 
 
 def _draw_error(axes: Axes, steps: pd.DataFrame) -> None:

@@ -113,7 +113,7 @@ def _draw_insertion(
 def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:
     """Return the plans that are shown: those that were found, of those near the target only the first."""
     anew = any(plan.because == "origin" for plan in plans)
-    found = [plan for plan in plans if plan.found and not (anew and plan.because == "start")]
+    found = [plan for plan in plans if plan.plan.found and not (anew and plan.because == "start")]
     near = next((plan for plan in found if plan.because == "near"), None)
     kept = [plan for plan in found if plan.because != "near" or plan is near]
     chosen = np.linspace(0, len(kept) - 1, min(len(kept), _MOST_PANELS - 1)).round().astype(int)

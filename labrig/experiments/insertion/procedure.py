@@ -14,7 +14,6 @@ A needle that was steered to the target is measured in the last picture, and `en
 space too.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -51,7 +50,6 @@ from labrig.experiments.insertion.events import (
     InsertionStop,
     NeedleHeld,
     PathSought,
-    RecordedPose,
     TipObserved,
     describe_sighting,
 )
@@ -488,7 +486,6 @@ class Insertion:
         self.session.tell(f"inserted {inserted_mm:.0f} mm")
 
     def _record_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
-        pose = state.plan_start
         self.session.record(
             PathSought(
                 trial=self.trial,
@@ -498,11 +495,8 @@ class Insertion:
                 refusal=state.refusal,
                 replans=state.replans,
                 from_mm=state.plan_from_mm,
-                start=RecordedPose(
-                    position_mm=pose[:3, 3].tolist(),
-                    heading_rad=math.atan2(pose[1, 2], pose[2, 2]),
-                    rotation=pose[:3, :3].tolist(),
-                ),
-                **vars(state.plan),
+                start_mm=state.plan_start[:3, 3].tolist(),
+                start_rotation=state.plan_start[:3, :3].tolist(),
+                plan=state.plan,
             )
         )

@@ -26,7 +26,7 @@ from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Colour, Film, FilmPicture, Stroke
 from labrig.report.pictures import circle
-from labrig.steering.planner import Plan, sample_path
+from labrig.steering.planner import sample_path
 from labrig.steering.problem import PlanProblem
 from labrig.vision.plane import PlaneMap
 
@@ -48,15 +48,15 @@ _TIP_MM = 1.0
 
 def sample_plan(event: PathSought) -> FloatArray:
     """Return the points (N, 2) of a recorded plan, (y, z) [mm]; none if there was no path."""
-    bent = [arc for arc in event.arcs if arc.angle_rad > 0.0]
-    if not event.found or not bent:
+    bent = [arc for arc in event.plan.arcs if arc.angle_rad > 0.0]
+    if not bent:
         return np.empty((0, 2))
-    start = np.eye(4)
-    start[:3, :3], start[:3, 3] = event.start.rotation, event.start.position_mm
     radius_mm = bent[0].length_mm / bent[0].angle_rad
     # Where the arcs lie depends on their start and radius alone.
-    problem = PlanProblem(target_mm=event.start.position_mm, start=start, radius_mm=radius_mm)
-    return sample_path(problem, Plan(found=True, reason=None, arcs=event.arcs))[:, 1:]
+    start = np.eye(4)
+    start[:3, :3], start[:3, 3] = event.start_rotation, event.start_mm
+    problem = PlanProblem(target_mm=event.start_mm, start=start, radius_mm=radius_mm)
+    return sample_path(problem, event.plan)[:, 1:]
 
 
 def read_scenes(run: Run) -> Mapping[int, Sequence[Event]]:
@@ -85,7 +85,7 @@ class Scene:
         match event:
             case InsertionStart():
                 self.__init__(self.plane, event)  # type: ignore[misc]
-            case PathSought() if event.found:
+            case PathSought() if event.plan.found:
                 self.former += self.draw_line("former", self.plan_mm)
                 self.plan_mm = sample_plan(event)
             case MarkersSought():

@@ -101,9 +101,9 @@ _WORDS = {
     "trial_stop": "insertion {{ trial + 1 }}: {{ outcome | default('stopped') }}{% if error_mm %}, "
     "{{ '%.2f' % error_mm }} mm from the target{% endif %}",
     "flip": "bevel turns by {{ '%+.0f' % (to_rad - from_rad) | degrees }}° at {{ '%.1f' % depth_mm }} mm",
-    "plan": "{% if found %}path planned at {{ '%.1f' % depth_mm }} mm ({{ because }}): {{ arcs | count }} "
-    "{{ 'arc' if arcs | count == 1 else 'arcs' }}, {{ '%.0f' % length_mm }} mm{% else %}no path from "
-    "{{ '%.1f' % depth_mm }} mm on: {{ reason }}{% endif %}",
+    "plan": "{% if plan.found %}path planned at {{ '%.1f' % depth_mm }} mm ({{ because }}): {{ plan.arcs | count }} "
+    "{{ 'arc' if plan.arcs | count == 1 else 'arcs' }}, {{ '%.0f' % plan.length_mm }} mm{% else %}no path from "
+    "{{ '%.1f' % depth_mm }} mm on: {{ plan.reason }}{% endif %}",
     "observation": "tip {% if accepted %}seen at {{ '%.1f' % depth_mm }} mm{{ '' if believed else ', not believed' }}"
     "{% else %}not seen at {{ '%.1f' % depth_mm }} mm: {{ reason }}{% endif %}",
     "origin": "sheath {% if accepted %}found, {{ '%.2f' % disagreement_mm }} mm from where the encoder puts it"

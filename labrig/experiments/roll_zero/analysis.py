@@ -3,14 +3,14 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import find_origins, lateral_offset_mm
 from labrig.analysis.pictures import load_plane_map, measure_pictures
 from labrig.analysis.result import Findings, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
-from labrig.errors import InputError, LabrigError, MeasurementRefusedError, PictureError, RecordError
+from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult, TorsionHoleResult, TorsionResult
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionHole
@@ -19,12 +19,12 @@ from labrig.experiments.shared.torsion_bends import find_lengths, measure_bend
 from labrig.protocol.sections import Sheath
 from labrig.record.reader import Run
 from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
-from labrig.steering.torsion_fit import TorsionBend, fit_torsion
+from labrig.steering.torsion_fit import TorsionBend, TorsionFit, fit_torsion
 from labrig.vision.curvature import CurvatureSettings
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
 
-_Fit = TypeVar("_Fit")
+_Fit = TypeVar("_Fit", RollZeroFit, TorsionFit)
 
 
 def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> Findings:
@@ -55,13 +55,12 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     ]
     rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
     steps, radius_mm, reasons = protocol.roll_zero, protocol.needle.design_radius_mm, list[str]()
-    fit = _try(
+    fit = _judge(
+        "the roll zero",
         lambda: fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, radius_mm),
+        steps.max_sd_deg,
         reasons,
-        (MeasurementRefusedError,),
     )
-    if fit is not None and (doubt := explain_doubt("the roll zero", fit.sd_rad, steps.max_sd_deg)):
-        reasons.append(doubt)
     if sentinel is not None and not sentinel.accepted:
         reasons.append(sentinel.reason or "the grid pictures differ")
     result = RollZeroResult(
@@ -80,63 +79,53 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     return Findings(result)
 
 
-def _try(fit: Callable[[], _Fit], reasons: list[str], refusals: tuple[type[LabrigError], ...]) -> _Fit | None:
-    """Return a fit; None if it is refused by one of these errors, which is added to the reasons."""
+def _judge(what: str, fit: Callable[[], _Fit], most_deg: float, reasons: list[str]) -> _Fit | None:
+    """Return a fit, None if it is refused; add to the reasons why it is, or why it is too uncertain."""
     try:
-        return fit()
-    except refusals as error:
+        fitted = fit()
+    except (InputError, MeasurementRefusedError) as error:
         reasons.append(error.message)
         return None
+    if doubt := explain_doubt(what, fitted.sd_rad, most_deg):
+        reasons.append(doubt)
+    return fitted
 
 
 def _analyze_torsion(
     run: Run, protocol: RollZeroProtocol, plane: PlaneMap, request: AnalysisRequest, reasons: list[str]
 ) -> TorsionResult | None:
     """Return the torsion of the recorded holes, None if it is not asked for; add to the reasons why it is refused."""
-    steps = protocol.roll_zero.torsion
+    steps, holes, bends = protocol.roll_zero.torsion, list[TorsionHoleResult](), list[TorsionBend]()
     if steps is None:
         return None
-    measured = [
-        (hole, *_measure_hole(run, hole, protocol, plane, request)) for hole in run.read_events(TorsionHole)
-    ]
-    bends = [bend for _, bend, _ in measured if bend is not None]
-    radius_mm = protocol.needle.design_radius_mm
-    fit = _try(
-        lambda: fit_torsion(bends, find_lengths(steps), radius_mm),
-        reasons,
-        (InputError, MeasurementRefusedError),
-    )
-    if fit is not None and (doubt := explain_doubt("the torsional lag", fit.sd_rad, steps.max_sd_deg)):
-        reasons.append(doubt)
-    holes = (
-        TorsionHoleResult(
-            hole=hole.hole,
-            depth_mm=hole.depth_mm,
-            direction=hole.direction,
-            bent_mm=None if bend is None else bend.bent_mm,
-            turned_mm=None if bend is None else bend.turned_mm,
-            reason=reason,
+    for hole in run.read_events(TorsionHole):
+        seen: dict[str, Any] = {"bent_mm": None, "turned_mm": None, "reason": None}
+        try:
+            bends.append(_measure_hole(run, hole, protocol, plane, request))
+            seen |= {"bent_mm": bends[-1].bent_mm, "turned_mm": bends[-1].turned_mm}
+        except (MeasurementRefusedError, PictureError, RecordError) as error:
+            seen["reason"] = error.message.replace(f"{run.path}/", "")
+        holes.append(
+            TorsionHoleResult(hole=hole.hole, depth_mm=hole.depth_mm, direction=hole.direction, **seen)
         )
-        for hole, bend, reason in measured
+    radius_mm = protocol.needle.design_radius_mm
+    fit = _judge(
+        "the torsional lag",
+        lambda: fit_torsion(bends, find_lengths(steps), radius_mm),
+        steps.max_sd_deg,
+        reasons,
     )
     return TorsionResult(holes=tuple(holes), fit=fit)
 
 
 def _measure_hole(
     run: Run, hole: TorsionHole, protocol: RollZeroProtocol, plane: PlaneMap, request: AnalysisRequest
-) -> tuple[TorsionBend | None, str | None]:
-    """Return the bends in the pictures of a hole, or the reason why there are none."""
-    needle, sheath = protocol.needle, protocol.sheath
-    try:
-        shafts = []
-        for frame in (hole.turn_frame, hole.end_frame):
-            image = run.pictures.places[frame].read()
-            shafts.append(
-                measure_shaft_tip(image, plane, needle.diameter_mm, sheath.diameter_mm, mask=request.mask)
-            )
-        return measure_bend(hole, *shafts), None
-    except (MeasurementRefusedError, PictureError, RecordError) as error:
-        return None, error.message.replace(f"{run.path}/", "")
+) -> TorsionBend:
+    """Return the bends in the pictures of a hole. Raises as `measure_shaft_tip`, and `RecordError`."""
+    diameters_mm = protocol.needle.diameter_mm, protocol.sheath.diameter_mm
+    images = (run.pictures.places[frame].read() for frame in (hole.turn_frame, hole.end_frame))
+    shafts = [measure_shaft_tip(image, plane, *diameters_mm, mask=request.mask) for image in images]
+    return measure_bend(hole, *shafts)
 
 
 def _find_hole_origins(run: Run, plane: PlaneMap, sheath: Sheath) -> tuple[TrialOrigin, ...]:

@@ -1,10 +1,8 @@
 """The page of a steerability run or of imported pictures."""
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -24,7 +22,6 @@ from labrig.experiments.shared.needle_pictures import (
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.record.reader import Run
 from labrig.report.figures import Design, GelSeries, draw_steerability_figure
-from labrig.report.formatting import number
 from labrig.report.page import Page
 from labrig.report.palette import Mark, mark
 from labrig.report.pictures import Plate
@@ -79,14 +76,7 @@ def make_curvature_page(
                 *((row, [sheet for sheet in sheets if _is_of_row(sheet[0], row)]) for row in rows),
                 (None, [sheet for sheet in sheets if sheet[0].trial is None]),
             ],
-            **_sort_refusals(content.measurements),
             "simulated": any(row.measured.true_mean_radius_mm is not None for row in rows),
-            "known": [
-                low <= result.true_radius_mm <= high
-                for result in shown
-                if result.accepted and result.radius_ci95_mm is not None and result.true_radius_mm is not None
-                for low, high in (result.radius_ci95_mm,)
-            ],
             "roll_sd_deg": content.settings.roll_sd_deg,
         },
     )
@@ -172,14 +162,3 @@ def _draw_last_picture(
 
 def _is_of_row(result: PictureResult, row: GelRow) -> bool:
     return (result.needle_id, result.specimen) == (row.measured.needle_id, row.measured.name)
-
-
-def _sort_refusals(measurements: Sequence[PictureResult]) -> dict[str, Any]:
-    """Return the refused pictures, and apart those of short insertions on the way, by inserted length."""
-    refused, expected = [], defaultdict(list)
-    for result in measurements:
-        if not result.accepted and result.role == NeedleRole.ADVANCE and result.found:
-            expected[number(result.insertion_mm, 0)].append(result)
-        elif not result.accepted:
-            refused.append(result)
-    return {"refused": refused, "expected": expected}

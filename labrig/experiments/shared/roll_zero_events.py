@@ -4,7 +4,8 @@ from typing import ClassVar
 
 from labrig.experiments.shared.sheath_event import SheathEvent
 from labrig.record.events import Event, PictureRole
-from labrig.steering.torsion import TorsionalLag
+from labrig.steering.roll_zero import RollZeroFit
+from labrig.steering.torsion_fit import TorsionFit
 
 
 class RollZeroRole(PictureRole):
@@ -33,11 +34,7 @@ class RollZeroFound(Event):
     needle_id: str
     roll_rad: tuple[float, ...]
     deflection_mm: tuple[float, ...]
-    zero_rad: float
-    sd_rad: float
-    bend_mm: float
-    expected_mm: float
-    residual_rms_mm: float
+    fit: RollZeroFit
 
 
 class TorsionHole(Event):
@@ -58,7 +55,4 @@ class TorsionFound(Event):
     kind: ClassVar[str] = "torsion"
 
     needle_id: str
-    lag: TorsionalLag
-    sd_rad: float
-    radius_mm: float
-    residual_rms_mm: float
+    fit: TorsionFit

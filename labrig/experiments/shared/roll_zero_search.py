@@ -6,7 +6,6 @@ residuals and does not shift the zero.
 """
 
 import math
-from dataclasses import asdict
 from functools import partial
 
 from labrig.analysis.origin import lateral_offset_mm
@@ -52,7 +51,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> Roll
             needle_id=order.needle.needle_id,
             roll_rad=tuple(rolls_rad),
             deflection_mm=tuple(strays_mm),
-            **asdict(fit),
+            fit=fit,
         )
     )
     if doubt := explain_doubt("the roll zero", fit.sd_rad, steps.max_sd_deg):

@@ -44,7 +44,7 @@ def measure_torsion(
         probe = _Probe(order, steps, zero_rad, session)
         bends.append(_measure_hole(probe, order.steps.rolls + number, depth_mm, direction, sight))
     fit = fit_torsion(bends, find_lengths(steps), order.radius_mm)
-    session.record(TorsionFound(needle_id=order.needle.needle_id, **vars(fit)))
+    session.record(TorsionFound(needle_id=order.needle.needle_id, fit=fit))
     if doubt := explain_doubt("the torsional lag", fit.sd_rad, steps.max_sd_deg):
         raise MeasurementRefusedError(
             doubt, "measure at more depths or go on further, and look at the pictures"

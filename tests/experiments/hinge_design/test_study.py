@@ -1,10 +1,13 @@
 """The study of a design, beyond what tests/cli cover."""
 
+import json
+from pathlib import Path
+
 import pytest
 
 from labrig.errors import InputError
-from labrig.experiments.hinge_design.result import DesignStudy, Searched
-from labrig.experiments.hinge_design.study import encode_design_file, encode_hinge_table
+from labrig.experiments.hinge_design.result import DesignResult, DesignStudy, Searched
+from labrig.experiments.hinge_design.study import encode_design_file
 from labrig.needle.equations import EQUATION_3, RadiusTolerance
 from labrig.needle.rotation_search import GridPoint
 from labrig.protocol.design_file import PAPER_TUBE
@@ -18,13 +21,11 @@ CELLS = tuple(
 
 def test_the_table_holds_what_the_plane_leaves() -> None:
     """Cells in the plane have a residual of zero, and each row holds the rotations of both hinges."""
-    lines = encode_hinge_table(CELLS, EQUATION_3).decode().splitlines()
-    assert len(lines) == 1 + len(CELLS)
-    heads = lines[0].split(",")
-    for line in lines[1:]:
-        row = dict(zip(heads, line.split(","), strict=True))
-        assert float(row["residual_deg"]) == pytest.approx(0.0, abs=1e-4)
-        assert float(row["beta_b_deg"]) == 2.0
+    kept = json.loads((Path(__file__).parents[2] / "records/design/analysis/001/result.json").read_text())
+    grid = DesignResult.model_validate(kept, strict=False).tables["grid"]
+    assert len(grid) == len(kept["cells"])
+    assert (grid["beta_rot_deg"] == grid["beta_a_deg"] + grid["beta_b_deg"]).all()
+    assert (grid["residual_deg"] ** 2).mean() ** 0.5 == pytest.approx(kept["search"]["fit"]["rmse_deg"])
 
 
 def test_hinges_that_might_not_turn_make_no_design_file() -> None:

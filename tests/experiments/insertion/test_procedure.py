@@ -195,7 +195,7 @@ def test_turns_are_half_turns_about_the_certified_zero_and_plans_say_why(
     plans = events(run, "plan")
     assert [plan["because"] for plan in plans[:2]] == ["start", "origin"]
     assert {plan["because"] for plan in plans[2:]} <= {"schedule", "deviation", "near"}
-    assert all(plan["found"] or plan["refusal"] for plan in plans)
+    assert all(plan["plan"]["found"] or plan["refusal"] for plan in plans)
 
 
 def test_a_measured_torsion_is_overshot_and_returned(tmp_path: Path) -> None:
@@ -364,7 +364,7 @@ def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
     leans = np.diff(np.array(truth(run)["path_mm"])[:2, 1:], axis=0)[0]
     assert origin["heading_rad"] == pytest.approx(math.atan2(leans[0], leans[1]), abs=math.radians(0.3))
     y_mm, z_mm = origin["tip_mm"]
-    assert plan["start"]["position_mm"][1:] == pytest.approx((y_mm, z_mm + 1.5), abs=0.1)
+    assert plan["start_mm"][1:] == pytest.approx((y_mm, z_mm + 1.5), abs=0.1)
     drawn = run.frame_table[run.frame_table["role"] == "plan"]["frame"].iloc[-1]
     purple = np.abs(run.pictures[int(drawn)].astype(int) - (167, 121, 204)).max(axis=2) < 30
     assert purple.sum() > 30
@@ -375,7 +375,7 @@ def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> Non
     _, run = conduct_insertion(tmp_path, insertion("sheath.origin=null", "target.position_mm=[0,-3,25]"))
     assert not events(run, "origin")
     assert [plan["because"] for plan in events(run, "plan")].count("start") == 1
-    assert events(run, "plan")[0]["start"]["position_mm"] == [0.0, 0.0, pytest.approx(1.5)]
+    assert events(run, "plan")[0]["start_mm"] == [0.0, 0.0, pytest.approx(1.5)]
 
 
 def test_target_and_obstacles_may_be_picked_on_a_picture_and_the_replay_is_identical(tmp_path: Path) -> None:

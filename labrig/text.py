@@ -21,12 +21,6 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 99.5 else f"{seconds / 60:.0f} min"
 
 
-def ordinal(count: int) -> str:
-    """Return the ordinal of a count: 1st, 2nd, 3rd, 11th."""
-    endings = {1: "st", 2: "nd", 3: "rd"}
-    return f"{count}{'th' if count // 10 % 10 == 1 else endings.get(count % 10, 'th')}"
-
-
 def format_count(count: int, noun: str) -> str:
     """Return a count with its noun, in the plural if needed."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -91,7 +91,6 @@ CONTRADICTIONS = [
     ("radius_mm: 30", "radius_mm: 1", "needle.design_radius_mm", "must be above diameter_mm, 1.2"),
     ("diameter_mm: 2.0", "diameter_mm: 1.1", "sheath.diameter_mm", "must be above needle.diameter_mm, 1.2"),
     ("length_mm: 40", "length_mm: 20", "analysis.min_window_mm", "asks for 21 mm of needle"),
-    ("every_mm: 5", "every_mm: 41", "insertion.frame_every_mm", "is 41, must be at most length_mm, 40"),
     ("gel 13 %", "gel 10 %", "specimens.1.name", 'name "gel 10 %" is taken by specimens.0'),
 ]
 

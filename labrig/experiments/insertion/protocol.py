@@ -270,9 +270,6 @@ class InsertionProtocol(JudgedProtocol):
         if self.planner.radius_mm <= self.needle.diameter_mm:
             message = f"radius_mm is {self.planner.radius_mm:g}, must be above needle.diameter_mm"
             yield Conflict("planner.radius_mm", message, "are both in mm?")
-        if self.insertion.frame_every_mm > self.insertion.max_length_mm:
-            message = f"frame_every_mm is {self.insertion.frame_every_mm:g}, above max_length_mm"
-            yield Conflict("insertion.frame_every_mm", message, "1 is usual")
 
     def _find_keys_beside_paper(self) -> Iterator[Conflict]:
         """Yield keys that `policy: paper` decides."""

@@ -5,15 +5,12 @@ from functools import partial
 from itertools import groupby
 
 import rerun as rr
-from shapely import LineString
-from shapely import Point as PlanePoint
 
 from labrig.analysis.pictures import load_plane_map
-from labrig.analysis.result import AnalysisResult, Point
+from labrig.analysis.result import AnalysisResult
 from labrig.experiments.insertion.events import TipObserved
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.scene import COLOURS, KINDS, Scene
-from labrig.needle.kinematics import FloatArray
 from labrig.record.events import Event, parse_events
 from labrig.record.following import RecordLines
 from labrig.record.reader import Run
@@ -23,7 +20,7 @@ from labrig.report.view import View
 
 _CURVES = (("/error", "Error (mm)"), ("/nis", "NIS of the sightings (2 expected)"))
 _ADDED = (
-    "error/off the plan", "error/seen - predicted", "nis/NIS", "nis/95 % below",
+    "error/seen - predicted", "nis/NIS", "nis/95 % below",
     "depth/to the target", "depth/to an obstacle", "roll/heading",
 )  # fmt: skip
 _PLACES = tuple(rr.new_entity_path(name.split("/")) for name in _ADDED)
@@ -76,7 +73,6 @@ def _draw_numbers(stream: rr.RecordingStream, scene: Scene, step: TipObserved) -
     obstacles = scene.locate().obstacles
     gaps_mm = [math.dist(step.estimate_mm, ball.position_mm[1:]) - ball.radius_mm for ball in obstacles]
     values = (
-        _find_deviation(step.estimate_mm, scene.plan_mm),
         None if step.innovation_mm is None else math.hypot(*step.innovation_mm),
         step.nis,
         _NIS_95,
@@ -87,14 +83,6 @@ def _draw_numbers(stream: rr.RecordingStream, scene: Scene, step: TipObserved) -
     for place, value in zip(_PLACES, values, strict=True):
         if value is not None:
             stream.log(place, rr.Scalars(value))
-
-
-def _find_deviation(point_mm: Point, plan_mm: FloatArray) -> float | None:
-    """Return the distance of a point from a plan; None if it has not come to where the plan begins."""
-    if len(plan_mm) < 2:
-        return None
-    point, plan = PlanePoint(point_mm), LineString(plan_mm)
-    return None if plan.project(point) == 0.0 else plan.distance(point)
 
 
 _WORDS = {

@@ -1,6 +1,6 @@
 """The holes of a sweep, in the order in which they are used, and where an insertion is made again."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,6 @@ from labrig.experiments.shared.holes import is_clear
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import TrackedSpecimen
 from labrig.runner.trials import Trial
-from labrig.text import ordinal
-
-_MOST_TOLD = 30
-"""Holes of a block whose order is told in a sentence."""
 
 
 @dataclass(frozen=True)
@@ -48,22 +44,11 @@ def _order_holes(protocol: SteerabilityProtocol, block: int) -> tuple[int, ...]:
     return tuple(np.argsort(keys, kind="stable").tolist())
 
 
-def describe_order(protocol: SteerabilityProtocol) -> Iterator[str]:
-    """Yield a sentence for each block whose holes are used in a random order; people count holes from one."""
-    for index, specimen in enumerate(protocol.specimens) if protocol.hole_order == "random" else ():
-        holes = [str(hole + 1) for hole in _order_holes(protocol, index)]
-        more = f" and {len(holes) - _MOST_TOLD} more" if len(holes) > _MOST_TOLD else ""
-        yield f"holes of {specimen.name}, in this order: {', '.join(holes[:_MOST_TOLD])}{more}"
-
-
-def describe_place(protocol: SteerabilityProtocol, trial: int, hole: Hole, repeats: int | None) -> str:
-    """Return where an insertion is among those of its block: `hole 3 of 18`, in a random order `hole 7 (3rd of 18)`."""
-    holes, number = protocol.insertions_per_specimen, hole.number + 1
-    if protocol.hole_order == "sequential":
-        return f"hole {number} of {holes}"
-    if repeats is not None:
-        return f"hole {number} (repeats trial {repeats + 1})"
-    return f"hole {number} ({ordinal(trial % holes + 1)} of {holes})"
+def describe_place(protocol: SteerabilityProtocol, number: int, hole: Hole, repeats: int | None) -> str:
+    """Return where an insertion is: `hole 3 of 18`, in a random order `insertion 20, hole 7 of 18`."""
+    again = "" if repeats is None else f" (repeats trial {repeats + 1})"
+    place = f"hole {hole.number + 1} of {protocol.insertions_per_specimen}{again}"
+    return place if protocol.hole_order == "sequential" else f"insertion {number + 1}, {place}"
 
 
 def sort_holes(protocol: SteerabilityProtocol) -> Callable[[Trial[Hole]], tuple[int, float]]:

@@ -3,7 +3,7 @@
 The operator places one specimen after another and shifts it from hole to hole: the bench has no lateral axis.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 
 from labrig.analysis.sentinel import GridRole
@@ -20,7 +20,6 @@ from labrig.experiments.shared.holes import find_near_holes
 from labrig.experiments.shared.needle_events import NeedleRole, SpecimenTrialStart, SpecimenTrialStop
 from labrig.experiments.steerability.holes import (
     Hole,
-    describe_order,
     describe_place,
     find_another_hole,
     list_holes,
@@ -37,8 +36,6 @@ def run(protocol: SteerabilityProtocol, session: Session) -> None:
     """Make every insertion of the sweep, or those that remain of it."""
     if problems := tuple(_find_near_holes(protocol)):
         raise FileFormatError(problems)
-    for sentence in describe_order(protocol):
-        session.note(sentence)
     sight = session.open_sight()
     confirm_needle_out(session)
     placed = _find_placed(protocol, session)
@@ -55,9 +52,8 @@ def run(protocol: SteerabilityProtocol, session: Session) -> None:
     )
     for trial in trials:
         hole = trial.what
-        session.tell_place(
-            f"{describe_place(protocol, trial.number, hole, trial.repeats)}, {_count_gels(protocol, hole)}"
-        )
+        place = f"gel {protocol.specimens.index(hole.specimen) + 1} of {len(protocol.specimens)}"
+        session.tell_place(f"{describe_place(protocol, trial.number, hole, trial.repeats)}, {place}")
         with trial:
             if hole.specimen != placed:
                 session.ask(PlaceSpecimen(hole.specimen.name, hole.specimen.gelatin_percent))
@@ -83,16 +79,11 @@ def _find_placed(protocol: SteerabilityProtocol, session: Session) -> TrackedSpe
     return specimen if session.offer(as_it_was) else None
 
 
-def _count_gels(protocol: SteerabilityProtocol, hole: Hole) -> str:
-    names: Sequence[str] = [specimen.name for specimen in protocol.specimens]
-    return f"gel {names.index(hole.specimen.name) + 1} of {len(names)}"
-
-
 def _insert(protocol: SteerabilityProtocol, trial: TrialRun[Hole], session: Session, sight: Sight) -> None:
     """Sheath in, needle in with a picture every few mm, final picture, needle out along its path, sheath out."""
     insertion, sheath, hole, number = protocol.insertion, protocol.sheath, trial.what, trial.number
     specimen = hole.specimen
-    session.tell(f"{specimen.name}, {describe_place(protocol, number, hole, trial.repeats)}")
+    session.tell(f"{specimen.name}, {describe_place(protocol, trial.number, hole, trial.repeats)}")
     session.ask(ShiftToHole(specimen.name, hole.number, hole.position_mm))
     session.record(
         SpecimenTrialStart(

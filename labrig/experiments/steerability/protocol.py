@@ -44,14 +44,6 @@ class Insertion(Model):
         parts = ceil(self.length_mm / self.frame_every_mm - _AT_END)
         return [self.frame_every_mm * number for number in range(1, parts)]
 
-    def conflicts(self) -> Iterator[Conflict]:
-        """Yield a picture spacing longer than the insertion."""
-        if self.frame_every_mm > self.length_mm:
-            message = (
-                f"frame_every_mm is {self.frame_every_mm:g}, must be at most length_mm, {self.length_mm:g}"
-            )
-            yield Conflict("frame_every_mm", message, "the final shape is pictured in any case")
-
 
 class SteerabilityProtocol(JudgedProtocol):
     """Section V-B of the paper: insertions without turning the bevel, in gels of different stiffness."""

@@ -73,7 +73,7 @@ def _make_films(run: Any) -> Any:
     from labrig.experiments.registry import find_run_experiment, load_run_result
 
     make_films, result = find_run_experiment(run).find_part("make_films"), load_run_result(run)
-    films = make_films(run, result) if make_films is not None and result is not None else ()
+    films = make_films(run, result.content) if make_films is not None and result is not None else ()
     if not films:
         raise InputError(
             f"{run.path} has no insertion to show as a film", "a film shows how a needle was steered"

@@ -82,7 +82,7 @@ PLACES: Mapping[str, tuple[str, ...]] = {
 
 `find_problems(protocol)` says why a protocol that moves no rig cannot be run; `tell_values(events, truths)` tells the
 quantities of a virtual run. `TEMPLATE` has the words of the page, `make_page(run, protocol, result)` what is drawn;
-`make_films(run, result)` shows a needle's way, `make_view(run, result)` and `follow(run)` draw in the viewer, and
+`make_films(run, content)` shows a needle's way, `make_view(run, result)` and `follow(run)` draw in the viewer, and
 `summarise(result)` says the result in a few lines.
 """
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.analysis.pictures import load_plane_map
-from labrig.analysis.result import AnalysisResult, Point
+from labrig.analysis.result import Point
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.events import (
     InsertionStart,
@@ -138,12 +138,12 @@ class Scene:
         return None if self.last is None else math.dist(self.last.estimate_mm, self.locate().target_mm[1:])
 
 
-def make_films(run: Run, result: AnalysisResult[InsertionResult]) -> tuple[Film, ...]:
+def make_films(run: Run, content: InsertionResult) -> tuple[Film, ...]:
     """Return a film of each insertion that was steered by pictures."""
     events, plane = read_scenes(run), load_plane_map(run)
     return tuple(
         Film(f"insertion-{trial.trial + 1}", tuple(_list_pictures(trial, events[trial.trial], plane)))
-        for trial in result.content.insertions
+        for trial in content.insertions
         if trial.steps
     )
 

@@ -1,7 +1,5 @@
 """The analysis of an insertion run: errors by the shaft, and estimates from the recorded pictures."""
 
-import hashlib
-import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -75,23 +73,6 @@ def test_insertions_that_missed_are_counted_with_their_causes() -> None:
     assert (content.made, content.arrived, content.reached) == (2, 0, False)
     assert content.causes == {"target_missed": 2}
     assert content.target_error_mm == max(insertion.target_error_mm or 0 for insertion in content.insertions)
-
-
-def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path) -> None:
-    """An insertion that arrived by the estimate but not by the shaft counts as missed, with its cause."""
-    run = record_insertion()
-    error_mm = analyse_recorded().target_error_mm
-    assert error_mm is not None
-    copy = shutil.copytree(run.path, tmp_path / "strict")
-    protocol = (copy / "protocol.yaml").read_text(encoding="utf-8")
-    strict = re.sub(r"tolerance_mm: [\d.]+", f"tolerance_mm: {0.9 * error_mm:.4f}", protocol)
-    (copy / "protocol.yaml").write_text(strict, encoding="utf-8")
-    sums = (copy / "SHA256SUMS").read_text(encoding="utf-8")
-    was, becomes = (hashlib.sha256(text.encode()).hexdigest() for text in (protocol, strict))
-    (copy / "SHA256SUMS").write_text(sums.replace(was, becomes), encoding="utf-8")
-    content = analyse(open_run(copy))
-    assert (content.reached, content.causes) == (False, {"target_missed": 1})
-    assert "measured" in content.insertions[0].cause
 
 
 class _CoveredSource:

@@ -111,7 +111,7 @@ def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -
     page = write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
     assert "<h2>What the markers moved</h2>" in page
     assert "Markers: displacement since the start" in page
-    (film,) = make_films(run, result)
+    (film,) = make_films(run, result.content)
     first, last = (
         next(stroke.px for stroke in picture.strokes if stroke.name == "target").mean(axis=0)
         for picture in (film.pictures[0], film.pictures[-1])

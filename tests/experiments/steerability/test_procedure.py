@@ -1,11 +1,10 @@
 """The procedure of a sweep: its moves, questions and records, and how it ends when something fails."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import can
 import numpy as np
 import pytest
 
@@ -17,8 +16,7 @@ from labrig.devices.operator import (
     PlaceSpecimen,
     ShiftToHole,
 )
-from labrig.devices.simulated.cia402 import SimulatedCia402Drive
-from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
+from labrig.errors import SafetyStopError
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.json_lines import read_lines
 from labrig.record.reader import Run
@@ -112,63 +110,6 @@ def test_what_was_asked_and_what_was_sent_are_both_recorded(swept: Swept) -> Non
     assert (first["asked_position_mm"], first["asked_speed_mm_s"]) == (40.0, 1.0)
     assert first["sent_rpm"] == round(first["sent_rpm"]) > 0
     assert first["sent_quadcounts"] == round(first["sent_quadcounts"]) > 0
-
-
-def test_a_signal_in_the_middle_of_a_move_stops_the_axes(tmp_path: Path) -> None:
-    """A signal during a move stops the needle, aborts the run, and leaves the needle recorded as in tissue."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        clock = rig.opened.hardware.clock
-
-        def after_ten_seconds() -> None:
-            if clock.now_s() > 10:
-                rig.opened.signal.name = "SIGINT"
-
-        clock.on_advance(after_ten_seconds)
-        outcome, run = rig.conduct(protocol)
-        assert outcome.exit_status == "aborted"
-        assert isinstance(outcome.error, InterruptedRunError)
-        assert rig.opened.rig.state.needle_in_tissue is True
-        stood = rig.opened.rig.read_states()["insertion"].position
-        clock.sleep(0.4)
-        assert rig.opened.rig.read_states()["insertion"].position == stood
-    assert 0 < stood < 40
-    with can.LogReader(run.path / "can.log") as frames:
-        assert any(frame.arbitration_id == 0x77F for frame in frames)
-    assert "can.log" in (run.path / "SHA256SUMS").read_text(encoding="utf-8")
-    assert run.manifest["exit_status"] == "aborted"
-    assert run.trials["exit_status"].tolist() == ["incomplete"]
-
-
-def _lag(drive: SimulatedCia402Drive) -> None:
-    drive.fail(0x8611)
-
-
-@pytest.mark.parametrize(
-    ("strike", "words"),
-    [(_lag, "following error"), (SimulatedCia402Drive.unplug, "insertion")],
-    ids=["following error", "silent"],
-)
-def test_a_fault_of_a_drive_fails_the_run_by_name(
-    strike: Callable[[SimulatedCia402Drive], None], words: str, tmp_path: Path
-) -> None:
-    """Axis and fault are named, and the record is closed, also where stopping cannot be confirmed."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        clock, struck = rig.opened.hardware.clock, list[float]()
-
-        def strike_once() -> None:
-            if clock.now_s() > 10 and not struck:
-                struck.append(clock.now_s())
-                strike(rig.opened.hardware.drives["insertion"])
-
-        clock.on_advance(strike_once)
-        outcome, run = rig.conduct(protocol)
-    assert outcome.exit_status == run.manifest["exit_status"] == "failed"
-    assert isinstance(outcome.error, DriveError)
-    assert "insertion" in outcome.reason
-    assert words in outcome.reason.lower()
-    assert (run.path / "SHA256SUMS").is_file()
 
 
 def test_an_operator_who_says_no_ends_the_run(tmp_path: Path) -> None:

@@ -33,7 +33,6 @@ from labrig.needle.equations import (
     rotation_for_radius_deg,
 )
 from labrig.needle.hinge import Hinge
-from labrig.needle.rotation_search import GridPoint
 from labrig.needle.tube import TABLE_1
 from labrig.protocol.design_file import NeedleDesign
 from labrig.record.json_lines import encode_document

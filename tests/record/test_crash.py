@@ -80,17 +80,23 @@ def count_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     return len(told)
 
 
-def test_a_cut_at_any_call_loses_nothing_acknowledged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("failure", [Cut(), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))])
+def test_a_cut_or_a_full_disk_at_any_call_loses_nothing_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException
 ) -> None:
-    """After it the run is none yet, or can be read, continued from there, and closed."""
+    """After it the run is none yet, or can be read, continued from there, and closed; a refused call is told."""
+    cut = isinstance(failure, Cut)
     for number in range(1, count_calls(tmp_path, monkeypatch) + 1):
         runs_dir, acknowledged = tmp_path / str(number), list[str]()
-        with failing(monkeypatch, number, Cut()), pytest.raises(Cut):
+        with (
+            failing(monkeypatch, number, failure),
+            pytest.raises(Cut) if cut else suppress(DiskError, RecordError),
+        ):
             record(runs_dir, acknowledged).close("success", "", ENDED)
         run = runs_dir / "run"
         if not (run / "manifest.json").exists():
             assert not acknowledged
+            assert cut or not run.exists()
             continue
         assert_holds(run, acknowledged)
         if open_run(run).manifest["exit_status"] == "incomplete":
@@ -99,28 +105,9 @@ def test_a_cut_at_any_call_loses_nothing_acknowledged(
             again.frame(picture(9), 1.0, trial=2)
             again.close("success", "", ENDED)
         found = check_run(run)
-        assert (found.damage, found.notices) == ((), ()), number
-        assert not [path for path in run.rglob(".*") if path.suffix == ".tmp"]
-
-
-def test_a_full_disk_at_any_call_ends_the_run_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One refused call is told; the record stays whole, and closes as failed with the reason."""
-    for number in range(1, count_calls(tmp_path, monkeypatch) + 1):
-        runs_dir, acknowledged = tmp_path / str(number), list[str]()
-        full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        with failing(monkeypatch, number, full), suppress(DiskError, RecordError):
-            record(runs_dir, acknowledged).close("success", "", ENDED)
-        run = runs_dir / "run"
-        if not (run / "manifest.json").exists():
-            assert not acknowledged
-            assert not run.exists()
-            continue
-        assert_holds(run, acknowledged)
-        if open_run(run).manifest["exit_status"] == "incomplete":
-            (run / ".lock").unlink(missing_ok=True)
-            again = reopen_run(run, "labrig resume")
-            again.close("failed", "the disk was full", ENDED)
-        assert check_run(run).damage == ()
+        assert found.damage == ()
+        assert not cut or found.notices == (), number
+        assert not cut or not [path for path in run.rglob(".*") if path.suffix == ".tmp"]
 
 
 def test_a_torn_last_line_is_dropped(tmp_path: Path) -> None:

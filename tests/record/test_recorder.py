@@ -16,7 +16,13 @@ from labrig.record.catalogue import list_runs
 from labrig.record.check import check_run
 from labrig.record.pictures import Store
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder, create_under_free_name, opening_files, reopen_run
+from labrig.record.writer import (
+    Recorder,
+    create_under_free_name,
+    opening_files,
+    reopen_run,
+    require_free_name,
+)
 from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, begin, closed_run, fill, picture
 
 
@@ -151,8 +157,10 @@ def test_what_cannot_be_begun_or_written_is_refused(tmp_path: Path) -> None:
     """With its name; a taken folder is left alone, and a run that cannot be begun leaves nothing behind."""
     (tmp_path / "taken").mkdir()
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputExistsError, match="taken exists already"):
-        begin(tmp_path, "taken")
+    for begin_named in (begin, require_free_name):
+        with pytest.raises(OutputExistsError, match="taken exists already"):
+            begin_named(tmp_path, "taken")
+    require_free_name(tmp_path, "free")
     with pytest.raises(DiskError, match="file"):
         begin(tmp_path / "file")
     with pytest.raises(InputError, match="axes"):

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 from threading import Event
-from typing import Any, Self
+from typing import Any
 
 import pytest
 
@@ -13,17 +13,11 @@ from tests.record.runs import begin
 
 
 class Disk:
-    """Pictures and their lines, as many as were written and as many as are durable."""
+    """Pictures with a line each, as many as were written and as many as are durable."""
 
     def __init__(self) -> None:
-        self.written = {"pictures": 0, "lines": 0}
-        self.durable = {"pictures": 0, "lines": 0}
+        self.written, self.durable = 0, {"pictures": 0, "lines": 0}
         self.meanwhile: Callable[[], None] = lambda: None
-
-    def take(self) -> None:
-        """Write a picture, then its line."""
-        self.written["pictures"] += 1
-        self.written["lines"] += 1
 
 
 class Part:
@@ -34,26 +28,9 @@ class Part:
 
     def sync(self) -> None:
         """Make what was written before durable; `meanwhile` happens while the disk is at it."""
-        reached = self.disk.written[self.name]
+        reached = self.disk.written
         self.disk.meanwhile()
         self.disk.durable[self.name] = reached
-
-
-class Latch:
-    """A round that lasts until it is let go."""
-
-    def __init__(self) -> None:
-        self._go, self.done = Event(), 0
-
-    def __call__(self) -> None:
-        """Wait, then count."""
-        assert self._go.wait(60.0)
-        self.done += 1
-
-    def let_go(self) -> Self:
-        """End it, or let it end as soon as it begins."""
-        self._go.set()
-        return self
 
 
 def record_on(disk: Disk, runs_dir: Path) -> Recorder:
@@ -70,11 +47,9 @@ def test_no_line_is_durable_before_its_picture(tmp_path: Path) -> None:
     recorder = record_on(disk, tmp_path)
 
     def camera() -> None:
-        if not recorder._appending.locked():
-            disk.take()
+        disk.written += not recorder._appending.locked()
 
-    disk.take()
-    disk.meanwhile = camera
+    disk.written, disk.meanwhile = 1, camera
     del recorder._lines["can.log"], recorder._lines["states.jsonl"]
     recorder._sync()
     assert disk.durable == {"pictures": 2, "lines": 2}
@@ -89,29 +64,28 @@ def test_only_the_lines_of_pictures_wait_for_the_disk(tmp_path: Path) -> None:
     assert held == [False, True, True, False, False]
 
 
-def test_a_round_that_is_due_during_another_is_left_out() -> None:
-    """A caller does not wait for a slow disk."""
-    rounds, slow, left_out, next_one = Rounds(most_behind=10), Latch(), Latch(), Latch()
-    rounds.begin(slow)
-    rounds.begin(left_out)
-    slow.let_go()
-    rounds.finish()
-    rounds.begin(next_one.let_go())
-    rounds.finish()
-    rounds.close()
-    assert (slow.done, left_out.done, next_one.done) == (1, 0, 1)
+@pytest.mark.parametrize(
+    ("most_behind", "made"),
+    [(10, ["slow", "last"]), (1, ["slow", "due meanwhile", "last"])],
+    ids=["left out", "waited for"],
+)
+def test_a_round_that_is_due_during_another_is_left_out(most_behind: int, made: list[str]) -> None:
+    """A caller does not wait for a slow disk, but once it is too far behind; what was left out comes with the next."""
+    rounds, go, done = Rounds(most_behind), Event(), list[str]()
 
+    def slow() -> None:
+        assert go.wait(60.0)
+        done.append("slow")
 
-def test_a_caller_waits_once_the_disk_is_too_far_behind() -> None:
-    """The round that must not be left out begins when the slow one has ended."""
-    rounds, slow, last = Rounds(most_behind=1), Latch(), Latch()
     rounds.begin(slow)
-    slow.let_go()
-    rounds.begin(last.let_go())
-    done_before_the_last = slow.done
+    if most_behind == 1:
+        go.set()  # or the next call would wait for ever
+    rounds.begin(lambda: done.append("due meanwhile"))
+    go.set()
     rounds.finish()
+    rounds.begin(lambda: done.append("last"))
     rounds.close()
-    assert (done_before_the_last, last.done) == (1, 1)
+    assert done == made
 
 
 def test_what_the_disk_refuses_is_raised_by_the_next_call() -> None:

@@ -11,7 +11,6 @@ import scipy.io
 
 from labrig.record.notes import annotate_run
 from labrig.record.reader import Run, open_run
-from labrig.record.tables import split_vectors
 from labrig.report.tables import WRITERS, run_tables, write_tables
 from tests.analysis.insertions import analyse, observations, record_insertion
 from tests.analysis.synthetic import NOW
@@ -142,28 +141,6 @@ def test_equal_runs_give_equal_files(measured: bool, run: Run, tmp_path: Path) -
     )
     assert first == second
     assert {"run.csv", "states.parquet", "run.mat", "manifest.json"} <= set(first)
-
-
-def test_an_error_budget_has_a_column_for_each_source() -> None:
-    """What is not known is empty, and so is a row of an older result."""
-    budgets = [{"lens": 0.1, "fit": None}, None]
-    apart = split_vectors(pd.DataFrame({"radius_budget_mm": budgets}))
-    assert apart["sigma_radius_lens_mm"].tolist()[0] == 0.1
-    assert apart.isna().to_numpy().tolist() == [[False, True], [True, True]]
-
-
-def test_only_vectors_of_a_known_kind_are_taken_apart() -> None:
-    """A list of another length, of words, or of several lengths stays as it is."""
-    table = pd.DataFrame({
-        "tip_mm": [[1.0, 2.0], None], "centre_mm": [[1.0, 2.0, 3.0]] * 2, "names": [["a", "b"]] * 2,
-        "path_mm": [[1.0, 2.0], [1.0, 2.0, 3.0]], "n": [1, 2],
-    })  # fmt: skip
-    apart = split_vectors(table)
-    assert list(apart.columns) == [
-        "tip_y_mm", "tip_z_mm", "centre_x_mm", "centre_y_mm", "centre_z_mm", "names", "path_mm", "n"
-    ]  # fmt: skip
-    assert apart["tip_z_mm"].tolist()[0] == 2.0
-    assert apart["tip_z_mm"].isna().tolist() == [False, True]
 
 
 def test_long_names_of_columns_stay_apart_in_a_matlab_file(tmp_path: Path) -> None:

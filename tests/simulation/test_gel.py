@@ -44,14 +44,12 @@ def test_the_draw_of_a_hole_does_not_depend_on_earlier_holes() -> None:
 def test_hole_specimen_needle_and_seed_each_change_the_draw() -> None:
     """Five holes that differ in one thing each have five radii."""
     worlds = [bench(), bench(hole=1), bench(seed=6)]
-    other_needle = World(QUIET, 5)
-    other_needle.mount_needle("N2")
-    other_specimen = World(QUIET, 5)
-    other_specimen.mount_needle("N1")
-    for world, name in ((other_needle, "A"), (other_specimen, "B")):
+    for needle, name in (("N2", "A"), ("N1", "B")):
+        worlds.append(world := World(QUIET, 5))
+        world.mount_needle(needle)
         world.place_specimen(name, 13.0)
         world.shift_to_hole(name, 0, 35.0)
-    assert len({world.truth()["radius_mm"] for world in (*worlds, other_needle, other_specimen)}) == 5
+    assert len({world.truth()["radius_mm"] for world in worlds}) == 5
 
 
 def make_world(low_mm: float, high_mm: float) -> WorldDescription:

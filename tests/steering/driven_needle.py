@@ -5,6 +5,7 @@ frame of the tip is turned by it in small steps.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,25 +66,46 @@ class DrivenNeedle:
 
 @dataclass(frozen=True)
 class Driven:
-    """The end of an insertion, all states on the way, and the number of turns."""
+    """The states and commands of an insertion, one more than sightings; the last command is a stop."""
 
-    state: SteeringState
-    command: SteeringCommand
     states: list[SteeringState]
-    turns: int
+    commands: list[SteeringCommand]
+    sightings: list[TipSighting]
+
+    @property
+    def stop(self) -> str | None:
+        """Why it stopped."""
+        return self.commands[-1].stop
 
 
-def drive(needle: DrivenNeedle, settings: SteeringSettings, sigma_mm: float = 0.0, seed: int = 0) -> Driven:
+def see_place(needle: DrivenNeedle) -> Floats:
+    """Return where the tip is."""
+    return needle.place
+
+
+def drive(
+    needle: DrivenNeedle,
+    settings: SteeringSettings,
+    sigma_mm: float = 0.0,
+    seed: int = 0,
+    *,
+    slip: float = 0.0,
+    see: Callable[[DrivenNeedle], Floats | None] = see_place,
+) -> Driven:
     """Carry out the commands of the step until it stops; the tip is observed with independent noise."""
     rng = np.random.default_rng(seed)
     across = np.array((0.0, 1.0, 1.0) if settings.problem.planar else (1.0, 1.0, 1.0))
     state, command = start_steering(settings)
-    states, turns = [state], 0
-    while command.stop is None and len(states) < 1000:
-        turns += command.roll_rad != 0.0
+    done = Driven([state], [command], [])
+    while command.stop is None and len(done.states) < 1000:
         needle.roll_rad += command.roll_rad
-        needle.insert(command.observe_at_mm)
-        seen = needle.place + sigma_mm * across * rng.normal(size=3)
-        state, command = step_steering(state, TipSighting(needle.inserted_mm, seen), settings)
-        states.append(state)
-    return Driven(state, command, states, turns)
+        needle.insert(command.observe_at_mm * (1.0 - slip))
+        seen_mm = see(needle)
+        noise_mm = sigma_mm * across * rng.normal(size=3)
+        done.sightings.append(
+            TipSighting(command.observe_at_mm, None if seen_mm is None else seen_mm + noise_mm)
+        )
+        state, command = step_steering(state, done.sightings[-1], settings)
+        done.states.append(state)
+        done.commands.append(command)
+    return done

@@ -6,7 +6,7 @@ in space by any angle.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,19 +24,22 @@ PROCESS_SD_RAD, START_SD_RAD = math.radians(0.3), 0.02
 
 @dataclass(frozen=True, eq=False)
 class SimulatedInsertion:
-    """Truth (T + 1, 4, 4) and its curvature; observed positions (T + 1, 3) and rolls (T,)."""
+    """Truth (T + 1, 4, 4) and its curvature; observed positions (T + 1, 3), rolls (T,) and stated steps (T,)."""
 
     truth: Floats
     curvature: float
     positions_mm: Floats
     roll_rad: Floats
+    step_mm: Floats = field(default_factory=lambda: np.ones(STEPS))
 
     @property
     def observations(self) -> list[TipObservation]:
         """The steps after the start."""
         return [
-            TipObservation(position, 1.0, float(roll))
-            for position, roll in zip(self.positions_mm[1:], self.roll_rad, strict=True)
+            TipObservation(position, float(step_mm), float(roll))
+            for position, step_mm, roll in zip(
+                self.positions_mm[1:], self.step_mm, self.roll_rad, strict=True
+            )
         ]
 
 

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from labrig.steering.estimator import start_tip, step_tip
-from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
-from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip import TipObservation
-from tests.steering.driven_needle import DrivenNeedle
+from tests.steering.driven_needle import DrivenNeedle, Floats, drive
 from tests.steering.false_sightings import WATCHFUL, scattered_rmse_deg, streak_rmse_deg
 from tests.steering.insertions import RADIUS_MM, settings
 
@@ -47,11 +46,9 @@ def test_one_false_sighting_ahead_does_not_make_a_needle_stuck() -> None:
     chosen = SteeringSettings(
         PlanProblem((0.0, 5.0, 60.0), planar=True), WATCHFUL.model_copy(update={"cavity_every_mm": None})
     )
-    state, command = start_steering(chosen)
-    while command.stop is None:
-        needle.roll_rad += command.roll_rad
-        needle.insert(command.observe_at_mm)
+
+    def see(needle: DrivenNeedle) -> Floats:
         ahead_mm = 2.5 if 30.0 <= needle.inserted_mm < 31.0 else 0.0
-        seen = needle.place + needle.frame.apply((0.0, 0.0, ahead_mm))
-        state, command = step_steering(state, TipSighting(needle.inserted_mm, seen), chosen)
-    assert command.stop == "target_reached"
+        return needle.place + needle.frame.apply((0.0, 0.0, ahead_mm))
+
+    assert drive(needle, chosen, see=see).stop == "target_reached"

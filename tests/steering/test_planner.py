@@ -59,23 +59,22 @@ def test_blocked_free_plans_are_replaced_in_space() -> None:
     assert plan_path(problems[0]) == plan_path(problems[0])
 
 
-@pytest.mark.parametrize(("planar", "target"), [(True, TARGET), (False, (8.0, 5.0, 95.0))])
-def test_the_papers_planner_reaches_too(planar: bool, target: tuple[float, float, float]) -> None:
-    """Resolved motion rate, made robust, finds a path around two obstacles within all limits."""
+@pytest.mark.parametrize(
+    ("method", "planar", "target"),
+    [("best", True, TARGET), ("paper", True, TARGET), ("paper", False, (8.0, 5.0, 95.0))],
+)
+def test_either_planner_keeps_to_all_limits(
+    method: PlanMethod, planar: bool, target: tuple[float, float, float]
+) -> None:
+    """A path around two obstacles; in the plane delta_1 is 0 or pi and every later roll is pi."""
     problem = PlanProblem(target, OBSTACLES, planar=planar)
-    plan = plan_path(problem, "paper")
+    plan = plan_path(problem, method)
     assert plan.found
     assert plan.target_error_mm <= problem.tolerance_mm
     assert plan.clearance_mm >= problem.clearance_mm - 1e-9
     assert plan.length_mm <= problem.max_length_mm
-
-
-@pytest.mark.parametrize("method", ["best", "paper"])
-def test_planar_rolls_alternate(method: PlanMethod) -> None:
-    """In the plane delta_1 is 0 or pi and every later roll is pi."""
-    rolls = [arc.roll_rad for arc in plan_path(PlanProblem(TARGET, OBSTACLES, planar=True), method).arcs]
-    assert rolls[0] in (0.0, math.pi)
-    assert set(rolls[1:]) == {math.pi}
+    first, *others = (arc.roll_rad for arc in plan.arcs)
+    assert not planar or (first in (0.0, math.pi) and set(others) == {math.pi})
 
 
 @pytest.mark.processors
@@ -92,18 +91,11 @@ def test_distances_are_exact(seed: int) -> None:
     assert np.all(exact <= sampled + 1e-9)
     np.testing.assert_allclose(exact, sampled, atol=1e-2)
     np.testing.assert_allclose(path_distances(psi, 27.6, centres), exact.min(axis=0))
+    np.testing.assert_allclose(arc_distances(psi[:1], 27.6, np.array([[0.0, -27.6, 0.0]])), 27.6)
     near = find_nearest_places(psi[None], 27.6, centres, path_frames(psi[None], 27.6))
     np.testing.assert_allclose(
         np.linalg.norm(near.places_mm[0] - centres, axis=-1), exact.min(axis=0), atol=1e-9
     )
-
-
-def test_a_sphere_about_the_arcs_centre_is_a_radius_away() -> None:
-    """The centre of an arc is at its radius from all of it, and an empty arc at the distance of its point."""
-    centre = np.array([[0.0, -27.6, 0.0]])
-    for theta in (0.0, 1.0, 3.0):
-        distance = arc_distances(np.array([[theta, 0.0]]), 27.6, centre)[0, 0]
-        assert distance == pytest.approx(27.6)
 
 
 @pytest.mark.processors
@@ -131,16 +123,6 @@ def test_of_two_mirrored_paths_the_same_is_always_taken(method: PlanMethod, ahea
     """A target straight ahead has paths that cost the same; rounding does not choose between them."""
     plans = [plan_path(PlanProblem((0.0, y_mm, ahead_mm), planar=True), method) for y_mm in (1e-13, -1e-13)]
     np.testing.assert_allclose(plans[0].psi, plans[1].psi, atol=1e-9)
-
-
-@pytest.mark.processors
-def test_a_mirrored_problem_has_the_mirrored_plan() -> None:
-    """With y reversed, the first roll is the other one and the angles are the same."""
-    plan = plan_path(PlanProblem(TARGET, OBSTACLES, planar=True))
-    mirrored = tuple(Obstacle((0.0, -o.position_mm[1], o.position_mm[2]), o.radius_mm) for o in OBSTACLES)
-    other = plan_path(PlanProblem((0.0, -5.0, 100.0), mirrored, planar=True))
-    np.testing.assert_allclose(other.psi[:, 0], plan.psi[:, 0], atol=1e-6)
-    assert {other.arcs[0].roll_rad, plan.arcs[0].roll_rad} == {0.0, math.pi}
 
 
 REFUSED = {
@@ -171,7 +153,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("problem", "reason"), REFUSED.values(), ids=REFUSED.keys())
 def test_a_refusal_gives_its_reason(problem: PlanProblem, reason: str) -> None:
-    """An unreachable target is refused with the cause and without arcs."""
+    """An unreachable target is refused with the cause, which names no impossibility but what was found."""
     plan = plan_path(problem)
     assert not plan.found
     assert reason in plan.reason
@@ -236,16 +218,6 @@ def test_obstacles_off_the_plane_count_by_their_cut() -> None:
     assert np.array_equal(plan_path(far).psi, free.psi)
 
 
-@pytest.mark.processors
-def test_a_heavier_weight_buys_clearance() -> None:
-    """A higher price of missing clearance gives no less of it."""
-    problem = PlanProblem(TARGET, OBSTACLES, planar=True)
-    careless = replace(problem, weights=PlanWeights(clearance_per_mm=0.0))
-    careful = replace(problem, weights=PlanWeights(clearance_per_mm=100.0))
-    assert plan_path(careful).clearance_mm >= plan_path(careless).clearance_mm
-    assert plan_path(careless).length_mm <= plan_path(careful).length_mm
-
-
 @pytest.mark.parametrize("roll_rad", [0.0, math.pi])
 def test_the_room_is_the_clearance_of_the_tightest_bend(roll_rad: float) -> None:
     """It is the clearance of one arc that bends away from an obstacle; those behind and off the plane take none."""
@@ -303,11 +275,3 @@ def test_a_narrow_tunnel_takes_a_thorough_search() -> None:
     problem = draw_tunnel(np.random.default_rng([7, 0, 0]), 0.05)
     assert not plan_path(problem, effort="quick").found
     assert find_faults(problem) == []
-
-
-def test_a_failure_states_only_what_was_found() -> None:
-    """The reason names the limits of the search, and no impossibility."""
-    problem = PlanProblem((0.0, 0.0, 100.0), planar=True, max_length_mm=101.0)
-    assert plan_path(problem).length_mm <= 101.0
-    reason = plan_path(replace(problem, max_length_mm=99.0)).reason
-    assert reason.startswith("no path found with up to 6 arcs and 99 mm")

@@ -1,12 +1,13 @@
 """Noise of sightings and backlash, measured from the sightings; the NIS as an alarm both ways."""
 
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 import pytest
 
 from labrig.steering.parameters import SteeringPolicy
-from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
 from labrig.steering.sighting_noise import (
     SeenInsertion,
@@ -15,8 +16,7 @@ from labrig.steering.sighting_noise import (
     measure_sighting_sd,
 )
 from labrig.steering.state import begin_steering
-from labrig.steering.step import start_steering, step_steering
-from tests.steering.driven_needle import DrivenNeedle
+from tests.steering.driven_needle import DrivenNeedle, drive
 from tests.steering.insertions import RADIUS_MM, settings
 
 STATED = SteeringSettings(
@@ -30,18 +30,12 @@ TRUE_BACKLASH_MM = 2.0
 def see(sigma_mm: float, seed: int) -> SeenInsertion:
     """Drive a needle with a backlash that the policy does not know, and see its tip with this noise."""
     needle = DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=TRUE_BACKLASH_MM)
-    rng = np.random.default_rng(seed)
-    state, command = start_steering(STATED)
-    way = list[TipSighting | float]()
-    while command.stop is None:
-        if command.roll_rad:
-            way.append(command.roll_rad)
-        needle.roll_rad += command.roll_rad
-        needle.insert(command.observe_at_mm)
-        seen_mm = needle.place + np.array((0.0, *rng.normal(0.0, sigma_mm, 2)))
-        way.append(TipSighting(command.observe_at_mm, seen_mm))
-        state, command = step_steering(state, TipSighting(command.observe_at_mm, seen_mm), STATED)
-    return SeenInsertion(begin_steering(STATED), tuple(way))
+    done = drive(needle, STATED, sigma_mm, seed)
+    way = (
+        (command.roll_rad, seen) if command.roll_rad else (seen,)
+        for command, seen in zip(done.commands[:-1], done.sightings, strict=True)
+    )
+    return SeenInsertion(begin_steering(STATED), tuple(chain.from_iterable(way)))
 
 
 @pytest.mark.parametrize("sigma_mm", [0.03, 0.2])

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from labrig.steering.error_state import step_error_state
-from labrig.steering.estimator import start_tip, step_tip
+from labrig.steering.estimator import start_tip
 from labrig.steering.parameters import SteeringPolicy
-from labrig.steering.policy import SteeringSettings, TipSighting
+from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
-from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip import SLIP, TipObservation, TipState
-from tests.steering.driven_needle import DrivenNeedle
-from tests.steering.insertions import RADIUS_MM, STEPS, Floats, insert, settings
+from tests.steering.driven_needle import DrivenNeedle, drive
+from tests.steering.insertions import RADIUS_MM, STEPS, Floats, follow, insert, settings
 
 SLIPPING = settings(planar=True, slip_sd=0.02)
 
@@ -22,12 +21,7 @@ SLIPPING = settings(planar=True, slip_sd=0.02)
 def follow_with_slip(seed: int, slips: Floats) -> TipState:
     """Return the last state of an insertion whose steps are stated longer than they are, by slips (T,)."""
     insertion = insert(seed, planar=True)
-    pose = np.eye(4)
-    pose[:3, 3] = insertion.positions_mm[0]
-    state = start_tip(pose, SLIPPING)
-    for observation, slip in zip(insertion.observations, slips.tolist(), strict=True):
-        state = step_tip(state, replace(observation, step_mm=1.0 / (1.0 - slip)), SLIPPING)
-    return state
+    return follow(replace(insertion, step_mm=1.0 / (1.0 - slips)), SLIPPING)[-1]
 
 
 @pytest.mark.processors
@@ -54,12 +48,8 @@ def test_the_error_of_the_slip_tells_its_size() -> None:
 
 def test_without_slip_nothing_is_estimated() -> None:
     """The seven errors of before, and no slip."""
-    insertion = insert(1, planar=True)
-    pose = np.eye(4)
-    pose[:3, 3] = insertion.positions_mm[0]
-    state = step_tip(start_tip(pose, settings(planar=True)), insertion.observations[0], settings(planar=True))
-    assert state.covariance.shape == (SLIP, SLIP)
-    assert state.slip == 0.0
+    state = follow(insert(1, planar=True), settings(planar=True))[-1]
+    assert (state.covariance.shape, state.slip) == ((SLIP, SLIP), 0.0)
 
 
 def test_how_a_slip_moves_the_tip_is_the_derivative() -> None:
@@ -87,11 +77,7 @@ def test_a_needle_that_slips_arrives(slip: float) -> None:
     for estimator in (known.model_copy(update={"observation_sd_mm": 0.03, "slip_sd": 0.02}), known):
         chosen = SteeringSettings(problem, estimator, SteeringPolicy(backlash_mm=0.0, closing_mm=0.0))
         needle = DrivenNeedle(RADIUS_MM)
-        state, command = start_steering(chosen)
-        while command.stop is None:
-            needle.roll_rad += command.roll_rad
-            needle.insert(command.observe_at_mm * (1.0 - slip))
-            state, command = step_steering(state, TipSighting(command.observe_at_mm, needle.place), chosen)
+        drive(needle, chosen, slip=slip)
         missed_mm.append(float(np.linalg.norm(needle.place - problem.target_mm)))
     assert missed_mm[0] < 0.3
     assert missed_mm[0] < missed_mm[1]

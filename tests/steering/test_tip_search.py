@@ -8,48 +8,28 @@ import numpy as np
 import pytest
 
 from labrig.devices.rig_file import load_rig
-from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.insertion.aim import make_aim
-from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import make_insertion_settings
-from labrig.protocol.load import load_protocol
+from labrig.needle.kinematics import rotation_x
 from labrig.runner.sight import load_plane_map, load_tip_template
-from labrig.steering.step import start_steering
+from labrig.steering.estimator import start_tip
 from labrig.steering.tip_search import TipSearched, TipView, find_tip
-from tests.runner.sessions import PROTOCOLS
+from tests.steering.insertions import settings
 
 SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
 
 
-def _search(off_rad: float, misses: int) -> TipSearched:
-    """Look for a tip that stands 20 mm deep and points elsewhere than expected, after so many misses."""
-    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS)
-    assert isinstance(protocol, InsertionProtocol)
+def _search(off_rad: float, misses: int, sd_mm: float = 0.2) -> TipSearched:
+    """Look for the template's own tip in a grey picture, where it points elsewhere than expected, after misses."""
     rig = load_rig(SIMULATED)
     plane = load_plane_map(rig)
-    view = TipView(plane, load_tip_template(rig, plane))
-    aim = make_aim(protocol, view.plane)
-    state, _ = start_steering(make_insertion_settings(protocol, aim.target_mm, aim.obstacles))
-    image, (y_mm, z_mm) = _picture(view)
-    heading_rad = view.template.heading_rad + off_rad
+    template = load_tip_template(rig, plane)
+    image = np.full((720, 1280), int(np.median(template.picture)), np.uint8)
+    height, width = template.picture.shape
+    image[300 : 300 + height, 350 : 350 + width] = template.picture
     expected = np.eye(4)
-    expected[1:3, 3] = y_mm, z_mm
-    expected[1:3, 1:3] = (
-        (math.cos(heading_rad), math.sin(heading_rad)),
-        (-math.sin(heading_rad), math.cos(heading_rad)),
-    )
-    return find_tip(view, image, expected, replace(state.tip, misses=misses), view.template.roll_rad)
-
-
-def _picture(view: TipView) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uint8]], tuple[float, float]]:
-    """Return a grey picture with the template's own tip in it, and where that is in the plane."""
-    patch = view.template.picture
-    image = np.full((720, 1280), int(np.median(patch)), np.uint8)
-    u, v = 350, 300
-    image[v : v + patch.shape[0], u : u + patch.shape[1]] = patch
-    tip_px = np.array([[u + view.template.tip_px[0], v + view.template.tip_px[1]]])
-    y_mm, z_mm = view.plane.to_mm(tip_px)[0].tolist()
-    return image, (y_mm, z_mm)
+    expected[1:3, 3] = plane.to_mm(np.add([template.tip_px], (350, 300)))[0]
+    expected[:3, :3] = rotation_x(-template.heading_rad - off_rad)
+    tip = replace(start_tip(np.eye(4), settings(planar=True, observation_sd_mm=sd_mm)), misses=misses)
+    return find_tip(TipView(plane, template), image, expected, tip, template.roll_rad)
 
 
 @pytest.mark.processors
@@ -58,3 +38,20 @@ def test_a_tip_that_points_elsewhere_is_found_again_after_two_misses() -> None:
     assert _search(0.0, misses=0).position_mm is not None
     assert _search(math.radians(25), misses=0).position_mm is None
     assert _search(math.radians(25), misses=2).position_mm is not None
+
+
+@pytest.mark.parametrize(
+    ("sd_mm", "misses", "region_px"),
+    [
+        (0.01, 0, 43 + 2 * 12),
+        (1.0, 0, 43 + 2 * 4 / 0.10534),
+        (0.01, 1, 67 * 1.6),
+        (0.01, 16, 67 * 1.6**16),
+        (0.01, 17, 67 * 1.6**16),
+    ],
+)
+def test_the_less_is_known_of_a_tip_the_wider_it_is_searched_for(
+    sd_mm: float, misses: int, region_px: float
+) -> None:
+    """Beyond the template's 43 px, by four standard deviations and 12 px at least; more, the longer it is unseen."""
+    assert _search(0.0, misses, sd_mm).region_px == pytest.approx(region_px, rel=1e-4)

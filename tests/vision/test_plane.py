@@ -263,13 +263,14 @@ def test_refuses_paper_laid_askew():
     assert any(re.search(r"turned by 3[78]\.\d degrees", reason) for reason in plane.reasons)
 
 
-def test_refuses_a_scrap_of_paper(bench, paper):
-    """A small piece of paper is refused: it does not determine the rest of the picture."""
+@pytest.mark.parametrize(("width_px", "enough"), [(280, False), (360, True)])
+def test_refuses_a_scrap_of_paper(bench, paper, width_px, enough):
+    """A piece over less than a quarter of the picture is refused: it does not determine the rest."""
     scrap = np.full_like(paper, 200)
-    scrap[250:400, 350:530] = paper[250:400, 350:530]
+    scrap[100:460, 150 : 150 + width_px] = paper[100:460, 150 : 150 + width_px]
     plane = calibrate(scrap, bench.intrinsics, 1.0, ORIGIN, "right")
-    assert not plane.accepted
-    assert any("cover" in reason for reason in plane.reasons)
+    assert plane.accepted == enough
+    assert enough or "the paper's lines cover 2" in plane.reasons[0]
 
 
 @pytest.mark.processors

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from scipy.stats import chi2
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword
@@ -79,6 +80,7 @@ def test_the_view_shows_the_insertion_too() -> None:
     )
     shown = read_view(write_view(run, {}, make_run_view(run), describe_statusword))
     assert {"/nis/NIS", "/camera/plan", "/camera/target", "/depth/needle"} <= shown.keys()
+    assert shown["/nis/95 % below"][0] == pytest.approx(chi2.ppf(0.95, 2), abs=0.01)
     followed = read_view(write_view(run, {}, follow_run(run), describe_statusword))
     assert followed["/nis/NIS"] == pytest.approx(shown["/nis/NIS"])
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 
 from labrig.devices.camera import Camera, CameraContext
@@ -61,18 +60,6 @@ def test_a_source_without_pictures_is_refused(tmp_path: Path, source: str, words
     (tmp_path / "empty").mkdir()
     with pytest.raises(CameraError, match=words):
         _camera(tmp_path, source=source)
-
-
-def test_pictures_of_another_size_are_refused(tmp_path: Path) -> None:
-    """The size is compared when the source is opened, and for each picture."""
-    folder = write_pictures(tmp_path / "p", 1)
-    cv2.imwrite(str(folder / "2.png"), np.zeros((10, 10), np.uint8))
-    with pytest.raises(CameraError, match="ignored width_px: 80 was asked for, it uses 64"):
-        _camera(tmp_path, width_px=80)
-    camera = _camera(tmp_path)
-    camera.capture()
-    with pytest.raises(CameraError, match="expected 64x48"):
-        camera.capture()
 
 
 def test_a_setting_of_a_camera_is_no_key_of_a_folder() -> None:

@@ -202,22 +202,6 @@ def test_a_voltage_becomes_a_value_in_the_unit_of_the_sensor() -> None:
     assert (FORCE.column("needle_force"), SHUT.column("door")) == ("input_needle_force_N", "input_door")
 
 
-def test_a_value_beyond_its_limits_is_told_with_both() -> None:
-    """A number has limits, a switch an expected state; on the limit is within."""
-    force, door = (
-        FORCE.find_excess("needle_force", "insertion", 5.1),
-        SHUT.find_excess("door", "linear", False),
-    )
-    assert force is not None
-    assert force.message == (
-        "input needle_force is 5.1 N, limits [-5, 5] N (analog-1 of the drive of axis insertion)"
-    )
-    assert door is not None
-    assert door.message == "input door is off, expected on (general-A of the drive of axis linear)"
-    assert FORCE.find_excess("needle_force", "insertion", 5.0) is None
-    assert SHUT.find_excess("door", "linear", True) is None
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -217,21 +217,6 @@ def test_a_drive_that_restarted_is_where_it_was_last() -> None:
         assert "lost power" in located.axes[0].why_old
 
 
-@pytest.mark.parametrize("standstill_s", [0.8, 300.0])
-def test_a_labrig_that_stood_still_says_so(standstill_s: float) -> None:
-    """Drives that stopped because labrig sent nothing are not blamed, and neither is the wiring; nobody is alarmed."""
-    with _moving() as opened:
-        opened.hardware.clock.sleep(standstill_s)
-        with pytest.raises(
-            DriveFaultError, match=rf"labrig itself stood still for {standstill_s:.1f} s"
-        ) as error:
-            _go_on(opened.rig)
-        assert "heartbeat of the computer lost" in error.value.message
-        assert "suspended computer" in error.value.hint
-        assert not re.search("wiring|power the drive", error.value.hint)
-        assert opened.alerts == []
-
-
 def test_an_unknown_needle_is_said_to_be_unknown() -> None:
     """Nobody knows of a rig without a state file; it is neither in tissue nor out."""
     with opened_rig() as opened:

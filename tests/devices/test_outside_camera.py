@@ -95,23 +95,3 @@ def test_it_is_chosen_by_name_and_has_its_own_keys(site: Path, tmp_path: Path) -
     with pytest.raises(FileFormatError, match=r"rig.yaml:\d+:3 camera.gray_level: unknown key") as refusal:
         load_rig(_rig_file(tmp_path, SECTION.replace("grey_level", "gray_level")))
     assert refusal.value.hint == "did you mean grey_level?"
-
-
-def test_a_name_that_nobody_or_two_packages_have_is_refused(site: Path, tmp_path: Path) -> None:
-    """The error has the place of the name, and lists those installed or those that claim it."""
-    with pytest.raises(FileFormatError, match=r"rig.yaml:\d+:3 camera.driver: driver is .lab-grey.*files"):
-        load_rig(_rig_file(tmp_path))
-    find_plugins.cache_clear()
-    _install(site, "lab_grey_camera_3", MODULE)
-    _install(site, "lab_grey_camera_4", MODULE, "other_grey")
-    with pytest.raises(FileFormatError, match=r":3 .*claimed by .*lab.grey 2.1 and other.grey 2.1"):
-        load_rig(_rig_file(tmp_path))
-
-
-def test_a_package_that_fails_affects_only_its_camera(site: Path, tmp_path: Path) -> None:
-    """Other rig files load, and the schema omits it."""
-    _install(site, "lab_grey_camera_5", "import a_module_that_is_not_there\n")
-    with pytest.raises(FileFormatError, match=r"camera lab-grey of package lab.grey 2.1 cannot be imported"):
-        load_rig(_rig_file(tmp_path))
-    assert load_rig(SIMULATED).camera.driver == "simulated"
-    assert "lab-grey" not in _drivers()

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 import pytest
 
 from labrig.devices.clocks import SystemClock
-from labrig.devices.operator import MountNeedle, PlaceSpecimen
 from labrig.errors import DriveError
-from tests.devices.rigs import OpenedRig, Person, opened_rig, ready_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, ready_rig
 
 TIMEOUT_S = 3.0
 REHEARSED = ("clock=real", f"can.heartbeat.timeout_ms={1000 * TIMEOUT_S:.0f}")
@@ -49,19 +48,3 @@ def test_a_labrig_that_hangs_stops_the_drives(opened: OpenedRig) -> None:
     emergency = opened.drives["linear"].find_last("emergency")
     assert emergency is not None
     assert emergency.text == "0x8130"
-
-
-def test_the_person_is_asked_and_the_world_does_what_their_hands_would(opened: OpenedRig) -> None:
-    """A confirmed request is done."""
-    rig = opened.rig
-    rig.ask(MountNeedle("N1"))
-    rig.ask(PlaceSpecimen("gel", 13.0))
-    assert opened.hardware.world.truth()["specimen"] == "gel"
-    assert [type(request) for request in opened.person.asked] == [MountNeedle, PlaceSpecimen]
-
-
-def test_what_the_person_refuses_is_not_done() -> None:
-    """No specimen is placed by a no."""
-    with opened_rig(simulated_rig(*REHEARSED), Person(yes=False)) as opened:
-        assert not opened.rig.ask(PlaceSpecimen("gel", 13.0)).confirmed
-        assert opened.hardware.world.truth().get("specimen") != "gel"

@@ -1,6 +1,5 @@
 """The open rig: axes, camera, operator and state together."""
 
-import json
 import math
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.drive import wait_for_all
 from labrig.devices.drives.states import DriveState, decode_state
-from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import open_rig
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import DriveError, LimitError, SafetyStopError
@@ -170,18 +168,6 @@ def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
 # Opening
 
 
-def test_the_record_gets_every_device_in_json() -> None:
-    """The description has drives with their settings, camera and bus."""
-    with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
-        described = json.loads(json.dumps(rig.describe()))
-    assert described["axes"]["linear"]["drive"]["model"] == "EPOS2 24/5"
-    for axis in described["axes"].values():
-        assert {"0x6065:00", "0x607F:00", "0x6083:00", "0x6085:00", "0x1016:01"} <= set(
-            axis["drive_settings"]
-        )
-    assert described["camera"]["readback"]["exposure_us"] == 8000
-
-
 # The needle
 
 
@@ -208,19 +194,6 @@ def test_nothing_is_referenced_while_a_needle_may_be_in_tissue(tmp_path: Path) -
 
 
 # Camera, operator, truth
-
-
-def test_the_operator_of_a_simulated_rig_moves_the_world() -> None:
-    """Its requests set needle, specimen and hole; no person is asked."""
-    with ready_rig() as opened:
-        for request in (MountNeedle("N7"), PlaceSpecimen("A", 10.0), ShiftToHole("A", 2, 20.0)):
-            assert opened.rig.ask(request).confirmed
-        _go(opened, "linear", 15.0, 5.0)
-        _go(opened, "insertion", 10.0, 5.0)
-        (truth,) = opened.rig.truth()
-        assert (truth["needle_id"], truth["specimen"], truth["hole"]) == ("N7", "A", 2)
-        assert truth["arc_length_mm"] == pytest.approx(10.0)
-        assert opened.person.asked == []
 
 
 # No command goes beyond the limits

@@ -48,13 +48,6 @@ def test_a_rig_file_survives_being_written_into_a_record() -> None:
     assert str(SIMULATED.parent) not in text
 
 
-def test_an_axis_without_a_driver_has_an_epos2() -> None:
-    """Rig files without the key `driver` load as before."""
-    named = [f"axes.{axis}.driver=epos2" for axis in ("insertion", "rotation", "linear")]
-    assert load_rig(SIMULATED, named) == load_rig(SIMULATED)
-    assert [axis.driver for _, axis in load_rig(BENCH).axes.items()] == ["epos2"] * 3
-
-
 def test_an_unknown_driver_is_named_with_those_that_are_installed(tmp_path: Path) -> None:
     """The error has its line and the nearest name."""
     path = tmp_path / "rig.yaml"
@@ -67,13 +60,6 @@ def test_an_unknown_driver_is_named_with_those_that_are_installed(tmp_path: Path
     assert problem.message.startswith('driver is "epos3", must be one of ')
     assert problem.hint == "did you mean epos2?"
     assert refusal.value.exit_code == 2
-
-
-def test_overrides_come_before_validation() -> None:
-    """`--set` can correct an invalid file and invalidate a correct one."""
-    assert load_rig(SIMULATED, ["axes.insertion.max_speed=3"]).axes.insertion.max_speed == 3.0
-    with pytest.raises(FileFormatError):
-        load_rig(SIMULATED, ["axes.insertion.node_id=128"])
 
 
 def test_the_bench_says_what_is_unknown_and_where_to_find_it() -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from labrig.devices.trapezoid import Limits, make_brake_profile, make_move_profile
+from labrig.devices.trapezoid import Limits, make_move_profile
 
 positions = st.floats(-1e6, 1e6)
 limits = st.builds(
@@ -43,9 +43,3 @@ def test_limits_hold_from_rest(start: float, target: float, bounds: Limits, part
     slack = 1e-6 * (1 + abs(start) + abs(target))
     assert abs(velocity) <= bounds.speed * (1 + 1e-9)
     assert min(start, target) - slack <= position <= max(start, target) + slack
-
-
-def test_braking_takes_the_distance_that_physics_says() -> None:
-    """The distance is v^2 / 2a, in the time v / a."""
-    profile = make_brake_profile(2.0, 5.0, -4.0, 8.0)
-    assert (profile.end_s, profile.end_position) == pytest.approx((2.5, 4.0))

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from labrig.errors import InputError
 from labrig.simulation.description import LensDescription
 from labrig.simulation.lens import (
-    distort,
     plane_to_pixels,
     project,
     steering_plane_pose,
@@ -25,18 +24,6 @@ def test_a_ray_ends_in_the_pixel_it_came_from(u: float, v: float, depth_mm: floa
     """Unprojecting a pixel and projecting any point of its ray gives the pixel back."""
     pixel = np.array([[u, v]])
     assert project(unproject(pixel, LENS) * depth_mm, LENS) == pytest.approx(pixel, abs=1e-6)
-
-
-def test_distortion_follows_its_definition() -> None:
-    """One point by hand: radial k1 and tangential p1, p2 add up as Brown wrote them."""
-    lens = LensDescription(distortion=(0.1, 0.0, 0.01, 0.02, 0.0))
-    seen = np.array(distort(np.array(0.3), np.array(0.4), lens))
-    radial = 1 + 0.1 * 0.25
-    expected = (
-        0.3 * radial + 2 * 0.01 * 0.12 + 0.02 * (0.25 + 2 * 0.09),
-        0.4 * radial + 0.01 * (0.25 + 2 * 0.16) + 2 * 0.02 * 0.12,
-    )
-    assert seen == pytest.approx(expected)
 
 
 def test_a_lens_that_folds_the_picture_is_refused() -> None:

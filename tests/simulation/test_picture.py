@@ -67,31 +67,6 @@ def test_the_needle_s_edges_stand_where_the_truth_says(roll_rad: float) -> None:
             assert abs(sum(edges)) / 2 < 0.01
 
 
-def test_the_needle_ends_at_its_true_tip() -> None:
-    """Just behind the tip the bevel's leading side is steel; just beyond it there is gel."""
-    world = bench()
-    insert(world, 40.0)
-    picture, line = world.picture().astype(float), centre_line_mm(world, 4001)
-    tip, along = line[-1], (line[-1] - line[-2]) / np.linalg.norm(line[-1] - line[-2])
-    leading = tip - 0.35 * np.array([along[1], -along[0]])
-    places = leading + np.array([[-0.6], [0.35]]) * along
-    behind, beyond = (picture[round(v), round(u)] for u, v in plane_to_pixels(places, QUIET.lens))
-    assert behind < 0.5 * beyond
-
-
-def test_the_sheath_ends_at_its_true_tip() -> None:
-    """Grey steel of 2 mm up to the tip, and no further."""
-    world = bench()
-    world.advance(0.0, 0.0, 15.0)
-    truth: Any = world.truth()
-    y, z = truth["sheath_tip_mm"]
-    picture = world.picture()
-    body = profiles(picture, np.stack([np.full(60, y), z - np.linspace(8.0, 1.0, 60)], axis=1)).mean(axis=0)
-    assert (edge_mm(body, -1.2, -0.85), edge_mm(body, 0.85, 1.2)) == pytest.approx((-1, 1), abs=0.03)
-    beyond = profiles(picture, np.stack([np.full(60, y), z + np.linspace(0.3, 8.0, 60)], axis=1)).mean(axis=0)
-    assert np.ptp(beyond) < 12
-
-
 def test_a_withdrawn_needle_leaves_a_faint_track_that_moves_with_the_gel() -> None:
     """Shifted by 10 mm, the slit is seen 10 mm towards +y, darker than its surroundings but only faintly."""
     world = bench()

@@ -82,14 +82,11 @@ def read_stop_target(path: Path) -> StopTarget:
     )
 
 
-def _make_section(values: object) -> AxisDescription | None:
+def _make_section(values: Any) -> AxisDescription | None:
     """Return a section by which a drive can be reached; None if its node is not known."""
-    if not isinstance(values, dict):
-        return None
-    node_id = values.get("node_id")
-    with suppress(InputError, ValidationError):
+    with suppress(InputError, ValidationError, AttributeError, KeyError):
         section = find_section(DRIVES, str(values.get("driver", DEFAULT_DRIVER)), AxisDescription)
-        return section.example(node_id) if isinstance(node_id, int) else None
+        return section.example(values["node_id"])
     return None
 
 

@@ -22,6 +22,6 @@ What is decided here
   its cut, the sheath and obstacles.
 - The tip is the end of the centre line, level with the foremost point of the bevel.
 - Not simulated: refraction (graph paper and needle lie in the same plane under the same gel, so a plane map
-  made from the paper holds for the needle), depth of field, motion blur. Forces of the gel resist the axes, and change
-  no path: one at the cutting tip, and friction for each millimetre of needle and sheath.
+  made from the paper holds for the needle), depth of field, motion blur, and
+  forces of the gel: the axes move as in air.
 """

@@ -45,12 +45,6 @@ _Drawn = TypeVar("_Drawn")
 SHEATH_MM = 5.0
 """Length of the sheath's end whose direction is seen."""
 
-_CUTTING_N, _NEEDLE_N_PER_MM, _SHEATH_N_PER_MM = 0.5, 0.02, 0.05
-"""Force at the tip of a needle that cuts on, and friction along needle and sheath in the gel; as measured ones."""
-
-_SENSOR_MV_PER_N = 100.0
-"""Scale of the load cell at the needle."""
-
 _PATH_EVERY_MM = 0.5
 _STUCK_MM = 0.5  # a deeper instrument would tear the gel when a hand moves it
 
@@ -111,7 +105,6 @@ class World:
         self._seed = seed
         self._axes = _Axes(rotation_rad=math.radians(description.needle.clamp_roll_deg))
         self._bevel_rad = self._axes.rotation_rad
-        self._pushes = True
         self._needle_id: str | None = None
         self._target_mm: tuple[float, float, float] | None = None
         self._specimens: dict[tuple[str, float], GelBlock] = {}
@@ -283,8 +276,6 @@ class World:
         Between two calls the bevel has the later call's `rotation_rad`.
         """
         clamped_rad = math.radians(self.description.needle.clamp_roll_deg)
-        if insertion_mm != self._axes.insertion_mm:
-            self._pushes = insertion_mm > self._axes.insertion_mm
         self._axes = _Axes(insertion_mm, rotation_rad + clamped_rad, linear_mm)
         self._bevel_rad = follow_with_play(self._bevel_rad, self._axes.rotation_rad, self._torsion_lag_rad())
         hole = self._hole
@@ -306,31 +297,12 @@ class World:
 
     def _torsion_lag_rad(self) -> float:
         """Return how far the bevel may be behind the rotation axis, in each direction."""
-        needle = self.description.needle
-        return math.radians(needle.torsion_lag_deg + needle.torsion_lag_deg_per_mm * self._needle_in_gel_mm())
-
-    def insertion_force_n(self) -> float:
-        """Return the force that resists the insertion axis [N]: at the needle's tip as it cuts on, and along it."""
-        needle_mm = self._needle_in_gel_mm()
-        cutting_n = _CUTTING_N if needle_mm and self._pushes else 0.0
-        return cutting_n + _NEEDLE_N_PER_MM * needle_mm
-
-    def linear_force_n(self) -> float:
-        """Return the force that resists the linear axis [N]: along the sheath, and on the needle that it carries."""
-        if self._specimen is None:
-            return 0.0
-        sheath_mm = max(0.0, self._axes.linear_mm)
-        return _SHEATH_N_PER_MM * sheath_mm + self.insertion_force_n()
-
-    def force_sensor_mv(self) -> float:
-        """Return the voltage of the load cell at the needle [mV]: positive while it is pushed, negative in tension."""
-        sign = 1.0 if self._pushes else -1.0
-        return sign * _SENSOR_MV_PER_N * self.insertion_force_n()
-
-    def _needle_in_gel_mm(self) -> float:
-        if self._specimen is None or self._needle_id is None:
-            return 0.0
-        return max(0.0, self._axes.insertion_mm)
+        is_in_gel, needle = (
+            self._specimen is not None and self._needle_id is not None,
+            self.description.needle,
+        )
+        in_gel_mm = max(0.0, self._axes.insertion_mm) if is_in_gel else 0.0
+        return math.radians(needle.torsion_lag_deg + needle.torsion_lag_deg_per_mm * in_gel_mm)
 
     def picture(self, exposure: float = 1.0) -> npt.NDArray[np.uint8]:
         """Return the camera's picture, (H, W) uint8; each call is another exposure with noise of its own.

@@ -1,6 +1,5 @@
 """Current limits, stalls and inputs: on an opened rig, and what a stall is."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +19,6 @@ from tests.devices import epos2_places as od
 from tests.devices.rigs import OpenedRig, Person, epos2_axis, one_drive, opened_rig, ready_rig, simulated_rig
 
 LIMIT = "axes.linear.max_current_ma=800"
-DOOR = "axes.linear.inputs={door: {source: general-A, expected: true}}"
 
 
 def limit_of(opened: OpenedRig, axis: str = "linear") -> int:
@@ -117,23 +115,6 @@ def test_an_input_that_the_drive_hides_is_refused() -> None:
             opened.rig.connect()
         opened.drives["linear"].objects.values[od.INPUT_MASK] = 0xF387
         open_again(opened).connect()
-
-
-def test_a_gel_that_resists_shows_in_current_and_force() -> None:
-    """60 mm of needle in gel: 0.5 N at the tip and 0.02 N/mm along it, on a lead of 2 mm behind a gear of 4."""
-    force = "axes.insertion.inputs={needle_force: {source: analog-1, unit: N, units_per_volt: 10}}"
-    with ready_rig(force) as opened:
-        world = opened.hardware.world
-        world.place_specimen("gel-10", 10.0)
-        world.mount_needle("N1")
-        opened.rig.axis("insertion").start_move(100.0, 20.0)
-        opened.rig.wait(3.3)
-        state = opened.rig.read_states()["insertion"]
-        force_n = 0.5 + 0.02 * state.position
-        torque_mnm = 1.5 + force_n * 2.0 / (2 * math.pi * 4)
-        assert state.position == pytest.approx(62.0, abs=3.0)
-        assert state.current_ma == pytest.approx(1000 * torque_mnm / 25, abs=1.0)
-        assert state.inputs["needle_force"] == pytest.approx(force_n, abs=0.01)
 
 
 # The judgement alone

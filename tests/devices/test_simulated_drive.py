@@ -1,6 +1,5 @@
 """The simulated drive as any CANopen client sees it: NMT, heartbeat, SDO, EMCY, abort codes, motion and homing."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -12,7 +11,7 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import count_bytes, find_default, read_own_eds
 from labrig.devices.drives.objects import Place
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.shaft import Mechanics, torque_of_force
+from labrig.devices.simulated.shaft import Mechanics
 from tests.devices import epos2_places as od
 from tests.devices.rigs import epos2_node, ready_rig
 
@@ -339,11 +338,6 @@ def test_a_restarted_drive_counts_from_zero_where_its_shaft_stands() -> None:
         b.clock.sleep(5.0)
         b.drive.restart()
         assert (b.drive.shaft_counts, b.read(co.POSITION_ACTUAL)) == (5_000, 0)
-
-
-def test_a_force_makes_a_torque_by_lead_and_gear() -> None:
-    """10 N on a lead of 2 mm behind a gear of 4: 10 x 2 / (2 pi 4) mNm."""
-    assert torque_of_force(10.0, 2.0, 4.0) == pytest.approx(20 / (8 * math.pi))
 
 
 def test_a_blocked_drive_shows_its_current_and_an_uncoupled_one_none() -> None:

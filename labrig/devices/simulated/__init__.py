@@ -7,8 +7,8 @@ What is decided here
   third-party CANopen clients can drive it too (`serving`).
 - Inside a process frames are delivered synchronously: when `send` returns, every node has received the frame and
   answered it, unless a fault is scripted. No thread and no real-time timeout decides anything.
-- Motion is a closed form of simulated time. Drives follow their profile exactly; stops and blockages hold a shaft, and
-  a load shows in the motor current alone (`shaft`). The journal of a drive has each event with its exact instant.
+- Motion is a closed form of simulated time. Drives follow their profile exactly; stops and blockages hold a shaft,
+  and show in the motor current (`shaft`). The journal of a drive has each event with its exact instant.
 - `clock: real` rehearses a bench: the same drives and the same world in the computer's time, in the thread that
   supervises, which tells them of it whenever it sends a frame, takes a picture or waits. So a labrig that hangs
   stops those drives too. A person is asked, and what they confirm is done in the world.

@@ -307,8 +307,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _read_analog_mv(self, name: str) -> int:
         """Return the voltage at an analog input [mV]; 0 where nothing is wired."""
-        wired = self.shaft.mechanics.analog_mv.get(name, lambda: 0.0)
-        return round(self._analog_mv[name] if name in self._analog_mv else wired())
+        return round(self._analog_mv.get(name, 0.0))
 
     def _read_current_ma(self) -> float:
         """Return the motor current [mA]; 0 without power."""

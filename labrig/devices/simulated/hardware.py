@@ -16,7 +16,7 @@ from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import RehearsedOperator, SimulatedOperator
-from labrig.devices.simulated.shaft import Mechanics, torque_of_force
+from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.worker import SAME_THREAD, Worker, WorkerThread
 from labrig.errors import InputError
 from labrig.simulation.description import WorldDescription
@@ -49,7 +49,7 @@ class SimulatedHardware:
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.wire = InProcessWire()
         self.world = World(world, seed)
-        self.drives = make_drives(rig, self.wire, self.clock, self.world)
+        self.drives = make_drives(rig, self.wire, self.clock)
         self._scales = {name: axis.scale() for name, axis in rig.axes.items()}
         self._hands = SimulatedOperator(self.world)
         self.operator = None if rig.asks_person else self._hands
@@ -103,48 +103,40 @@ _STOP_BEYOND, _SWITCH_BEYOND = 2.0, 1.0
 """Distance of the hard stops and limit switches beyond the limits of a travelling axis [mm]."""
 
 
-def make_drives(
-    rig: RigDescription, wire: InProcessWire, clock: Clock, world: World
-) -> dict[str, SimulatedCia402Drive]:
+def make_drives(rig: RigDescription, wire: InProcessWire, clock: Clock) -> dict[str, SimulatedCia402Drive]:
     """Return simulated drives on a wire, by their axes; every axis stands at zero.
 
-    Digital inputs that a run expects on are on: a door is closed. The load cell is wired to analog-1 of the insertion
-    drive.
+    Digital inputs that a run expects on are on: a door is closed.
 
     Raises
     ------
     InputError
         When entries of the rig file are unknown, or a drive cannot be simulated.
     """
-    axes = dict(rig.axes.items())
     require_complete(rig)
     drives = {}
-    for name, axis in axes.items():
+    for name, axis in rig.axes.items():
         if not isinstance(axis, ProductSection):
             raise InputError(
                 f"drives of kind {axis.driver} cannot be simulated",
                 "choose another driver, or a rig of kind bench",
             )
-        drives[name] = axis.simulate(wire, clock, _make_mechanics(name, axis, world))
+        drives[name] = axis.simulate(wire, clock, _make_mechanics(axis))
         for channel in axis.inputs.values():
             if channel.expected:
                 drives[name].set_input(channel.source, 1.0)
     return drives
 
 
-def _make_mechanics(name: str, axis: AxisDescription, world: World) -> Mechanics:
-    """Return the stops of an axis, and what the world has against its motion."""
-    if axis.unit == "rad" or axis.lead_mm is None:
+def _make_mechanics(axis: AxisDescription) -> Mechanics:
+    """Return the stops and switches of an axis, whose shaft is at zero in a new rig; one that turns has none."""
+    if axis.unit == "rad":
         return Mechanics()
-    resists = {"insertion": world.insertion_force_n, "linear": world.linear_force_n}[name]
-    turn_mm, gear_ratio, scale = axis.lead_mm, axis.gear_ratio or 1.0, axis.scale()
-    (low, high), wired = axis.limits, {"analog-1": world.force_sensor_mv} if name == "insertion" else {}
     (lower, upper), (negative, positive) = (
-        sorted(float(scale.to_counts(place)) for place in (low - beyond, high + beyond))
+        sorted(
+            float(axis.scale().to_counts(place))
+            for place in (axis.limits[0] - beyond, axis.limits[1] + beyond)
+        )
         for beyond in (_STOP_BEYOND, _SWITCH_BEYOND)
     )
-
-    def find_load_mnm() -> float:
-        return torque_of_force(resists(), turn_mm, gear_ratio)
-
-    return Mechanics(lower, upper, negative, positive, find_load_mnm, wired)
+    return Mechanics(lower, upper, negative, positive)

@@ -1,7 +1,7 @@
 """The motor shaft of a simulated drive: profile, stops, counter and motor current, and the searches of its homing.
 
-The current is that of a simple model of motor, screw and position controller. A motor that turns carries its friction
-and its load: I = (friction + load) / torque constant, in the direction of its motion. A shaft that something holds
+The current is that of a simple model of motor and position controller. A motor that turns carries its friction, in the
+direction of its motion. A shaft that something holds
 makes the position controller push harder the further it lags, by a constant current for each turn of lag. A motor at
 rest without lag carries nothing: screw and gear hold themselves. The output current limit of the drive caps all of it.
 Inertia is left out. The motor is a small brushed one with a gearhead, not a certain one.
@@ -11,8 +11,8 @@ negative speed into the lower one; 1, 2, -1 and -2 end at the encoder's index.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from labrig.devices.trapezoid import (
     Limits,
@@ -22,17 +22,11 @@ from labrig.devices.trapezoid import (
     make_rest_profile,
 )
 
-_TORQUE_CONSTANT_MNM_A = 25.0
-_FRICTION_MNM = 1.5
-"""Of motor and gearhead, at the motor."""
+_FRICTION_MA = 60.0
+"""Current that carries the friction of motor and gearhead: 1.5 mNm, at 25 mNm/A."""
 
 _STIFFNESS_MA_PER_TURN = 4000.0
 """Current with which the position controller answers a lag of one turn of the motor."""
-
-
-def torque_of_force(force_n: float, travel_per_turn_mm: float, gear_ratio: float) -> float:
-    """Return the torque at the motor of a force on a screw without losses, F lead / (2 pi gear) [mNm]."""
-    return force_n * travel_per_turn_mm / (2 * math.pi * gear_ratio)
 
 
 _HALVINGS = 40
@@ -40,7 +34,7 @@ _HALVINGS = 40
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Stops, switches and load of the shaft, and what is wired to the drive; places in its counts, None if absent.
+    """Stops and switches of the shaft; places in its counts, None if absent.
 
     Parameters
     ----------
@@ -48,18 +42,12 @@ class Mechanics:
         Hard stops.
     negative_switch, positive_switch : float or None
         Limit switches: the negative one is active at or below its place, the positive one at or above.
-    load_mnm : callable
-        Returns the torque at the motor that resists its motion now [mNm].
-    analog_mv : mapping of str to callable
-        Analog input of the drive, such as analog-1 -> its voltage now [mV].
     """
 
     lower_stop: float | None = None
     upper_stop: float | None = None
     negative_switch: float | None = None
     positive_switch: float | None = None
-    load_mnm: Callable[[], float] = lambda: 0.0
-    analog_mv: Mapping[str, Callable[[], float]] = field(default_factory=dict)
 
 
 class MotorShaft:
@@ -118,8 +106,7 @@ class MotorShaft:
         lag_turns = (self.demand - self.actual) / counts_per_turn
         current_ma = _STIFFNESS_MA_PER_TURN * lag_turns
         if direction := (0.0 if self.stuck else self.velocity) or lag_turns:
-            carried_ma = 1000 * (_FRICTION_MNM + self.mechanics.load_mnm()) / _TORQUE_CONSTANT_MNM_A
-            current_ma += math.copysign(carried_ma, direction)
+            current_ma += math.copysign(_FRICTION_MA, direction)
         return max(-limit_ma, min(limit_ma, current_ma))
 
     def is_at_rest(self, now_s: float) -> bool:

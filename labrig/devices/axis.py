@@ -18,7 +18,6 @@ from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, LimitEr
 
 _STOP_MARGIN_S = 0.5
 _MOVE_MARGIN_S = 2.0
-_MOVE_MARGIN_FRACTION = 0.2
 
 _SAME_TARGET = 1e-6
 """Targets that differ by less are the same [mm or rad]."""
@@ -59,6 +58,7 @@ class Axis:
         self.description = description
         self.drive = drive
         self._clock = clock
+        self._window_s = description.position_window_time_ms / 1000
         self._watch = PositionWatch(name, description)
         self.expected: Expected | None = AT_REST
         self.last: PositionReading | None = None
@@ -145,19 +145,13 @@ class Axis:
         return position - backlash
 
     def _start(self, target: float, speed: float, beyond: float | None) -> None:
-        """Start a move, by way of where it turns round; it is overdue after its own time, window time and a margin."""
-        here = self._clock.now_s(), self.drive.position()
-        distance = abs(target - here[1]) + 2 * self.description.backlash
-        ramps_s = 4 * speed / self.description.acceleration
-        window_s = self.description.position_window_time_ms / 1000
-        longest_s = (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
-        self._due_s = here[0] + longest_s
+        """Start a move, by way of where it turns round."""
         self._then = None if beyond is None else (target, speed)
-        self._go(here, target if beyond is None else beyond, speed)
+        self._go((self._clock.now_s(), self.drive.position()), target if beyond is None else beyond, speed)
 
     def _go(self, here: tuple[float, float], goal: float, speed: float) -> None:
         """Send a move, from where the axis was read at an instant [s] or later [mm or rad]."""
-        self._inside_since_s = None
+        self._inside_since_s = self._due_s = None
         self.drive.start_move(goal, speed)
         move = self.drive.round_move(goal, speed)
         self.sent_target = move.position
@@ -168,6 +162,7 @@ class Axis:
             (move.position, move.speed),
             (here[0], self._clock.now_s()),
         )
+        self._due_s = self.expected.profile.end_s + self._window_s + _MOVE_MARGIN_S
 
     def read(self, since_s: float | None = None) -> DriveReading:
         """Read statusword and position, as `Drive.read`.
@@ -234,7 +229,7 @@ class Axis:
             return False
         if self._inside_since_s is None:
             self._inside_since_s = now_s
-        return now_s - self._inside_since_s >= self.description.position_window_time_ms / 1000
+        return now_s - self._inside_since_s >= self._window_s
 
     # Stopping
 

@@ -61,6 +61,8 @@ class BusWatch:
     ----------
     link : CanLink
         The bus.
+    states : dict of int to int
+        NMT state of each drive that has told its own, by node id.
     without_zero : set of str
         Axes whose mode another program has changed: it may have homed them, and nobody knows their zero.
     """
@@ -71,7 +73,7 @@ class BusWatch:
         self._period_s = heartbeat.period_ms / 1000
         self._command: _Frame | None = None
         self._request: _Frame | None = None
-        self._states: dict[int, int] = {}
+        self.states: dict[int, int] = {}
         self.without_zero: set[str] = set()
         network = link.network
         network.subscribe(_NMT, self._on_nmt)
@@ -84,7 +86,8 @@ class BusWatch:
 
     def listen(self, clock: Clock) -> None:
         """Listen, before anything is sent, for another program on the bus. Raises `SecondMasterError`."""
-        self.forget()
+        self._command = self._request = None
+        self.states.clear()
         clock.sleep(_BEATS_LISTENED_FOR * self._period_s)
         self.require_free()
 
@@ -104,7 +107,7 @@ class BusWatch:
 
     def require_operational(self) -> None:
         """Raise `DriveStrayedError` if a drive has said that it is not operational."""
-        for node, state in tuple(self._states.items()):
+        for node, state in tuple(self.states.items()):
             if state not in {_OPERATIONAL, _BOOT_UP}:
                 name = _NMT_STATES.get(state, f"0x{state:02X}")
                 raise DriveStrayedError(
@@ -112,15 +115,6 @@ class BusWatch:
                     "find out which program on the bus sends NMT commands",
                     fault=NOT_OPERATIONAL,
                 )
-
-    def forget(self) -> None:
-        """Forget what was heard so far."""
-        self._command = self._request = None
-        self.forget_states()
-
-    def forget_states(self) -> None:
-        """Forget the NMT states that drives had before they were started."""
-        self._states.clear()
 
     def _raise_if(self, frame: _Frame | None) -> None:
         if frame is not None:
@@ -156,4 +150,4 @@ class BusWatch:
 
     def _on_heartbeat(self, can_id: int, data: bytearray, _timestamp: float) -> None:
         if data:
-            self._states[can_id - 0x700] = data[0] & 0x7F
+            self.states[can_id - 0x700] = data[0] & 0x7F

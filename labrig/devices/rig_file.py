@@ -28,6 +28,13 @@ FileName = Annotated[str, Field(min_length=1, max_length=200)]
 _Axis = Annotated[AxisDescription, DriverSection(DRIVES, AxisDescription, DEFAULT_DRIVER)]
 
 
+_AS_A_WHOLE = "a rig is simulated as a whole or not at all"
+_HINTS = {
+    "state_file": "name a file, such as bench.state.json",
+    "camera.width_px": "write the same size under camera and world: lens",
+}
+
+
 class AxesDescription(Model):
     """The three axes of the instrument."""
 
@@ -53,7 +60,8 @@ class AxesDescription(Model):
                     yield Conflict(f"{name}.inputs.{channel}", message, "give every input a name of its own")
             expected = "rad" if name == "rotation" else "mm"
             if axis.unit != expected:
-                yield Conflict(f"{name}.unit", f"unit of axis {name} is {axis.unit}, expected {expected}")
+                message = f"unit of axis {name} is {axis.unit}, expected {expected}"
+                yield Conflict(f"{name}.unit", message, f"write unit: {expected}")
 
 
 class CalibrationDescription(Model):
@@ -136,7 +144,7 @@ class RigDescription(Model):
             if seen != drawn:
                 message = f"the camera is set to {seen} px, the world's lens draws {drawn} px"
                 wrong["camera.width_px"] = message
-        yield from (Conflict(key, message) for key, message in wrong.items())
+        yield from (Conflict(key, message, _HINTS.get(key, _AS_A_WHOLE)) for key, message in wrong.items())
         yield from self._find_shared_nodes()
 
     def _find_shared_nodes(self) -> Iterator[Conflict]:

@@ -101,7 +101,7 @@ class Supervisor:
         """Begin anew before power is switched on. Raises what must keep it off, as `step`."""
         # A program that only asks keeps power off too: it is about to command.
         self._watch.require_free()
-        self._watch.forget_states()
+        self._watch.states.clear()  # those that drives had before they were started
         self._require_inputs({name: axis.drive.read_inputs() for name, axis in self._axes.items()})
         self._stalls = {}
         for name, axis in self._axes.items():

@@ -19,8 +19,6 @@ from labrig.protocol.model import (
     PositiveMm,
 )
 
-_SAFE_SDS = 6  # a radius this many standard deviations below its mean must still be positive
-
 
 class GelDescription(Model):
     """How tightly the needle steers in a gel: each insertion draws its radius normally distributed."""
@@ -31,13 +29,6 @@ class GelDescription(Model):
     """Mean radius of curvature [mm]."""
     radius_sd_mm: NonNegativeMm
     """Standard deviation of the radius between insertions [mm]."""
-
-    def conflicts(self) -> Iterable[Conflict]:
-        """Yield a spread so wide that a drawn radius could be zero or less."""
-        if _SAFE_SDS * self.radius_sd_mm >= self.radius_mean_mm:
-            limit = self.radius_mean_mm / _SAFE_SDS
-            message = f"{self.radius_sd_mm:g} mm; must be below {limit:g} mm, a sixth of radius_mean_mm"
-            yield Conflict("radius_sd_mm", message)
 
 
 GELS_DESIGN_RADIUS_MM = 30.0
@@ -51,12 +42,6 @@ class DesignDescription(Model):
     """Smallest radius within the laser's tolerances [mm]."""
     radius_high_mm: PositiveMm
     """Largest radius within the laser's tolerances [mm]."""
-
-    def conflicts(self) -> Iterable[Conflict]:
-        """Yield an empty interval."""
-        if self.radius_low_mm > self.radius_high_mm:
-            message = f"{self.radius_low_mm:g} mm; must be at most radius_high_mm, {self.radius_high_mm:g} mm"
-            yield Conflict("radius_low_mm", message)
 
 
 class NeedleDescription(Model):

@@ -126,13 +126,6 @@ def test_a_camera_that_lacks_a_control_is_usable_once_its_key_is_null(name: str)
     assert set(CONTROL_NAMES) - set(camera.settings) == {name}
 
 
-def test_a_camera_without_any_control_is_usable() -> None:
-    """Every key of a control is null; the time of a picture is then known to a period."""
-    camera = _open_lacking("every", *_SMALL, *(f"camera.{name}=null" for name in CONTROL_NAMES))
-    assert camera.settings.keys() == {"pixel_format", "width_px", "height_px", "rate_hz"}
-    assert camera.capture().t_bound_s == pytest.approx(1 / 30)
-
-
 _SMALL = ("camera.width_px=64", "camera.height_px=48", "camera.pixel_format=GREY")
 _ALL_CONTROLS = (*_SMALL, "camera.focus=3")
 

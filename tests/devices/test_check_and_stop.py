@@ -89,7 +89,7 @@ def test_a_bench_without_bus_camera_or_figures_fails_line_by_line() -> None:
     """Nothing is raised: each missing part is a FAIL with a remedy; a copied command does not drive another rig."""
     results = check_rig(load_rig(BENCH))
     failed = _by_name(result for result in results if result.status is CheckStatus.FAIL)
-    for name in ("axes.insertion.lead_mm", "bus", "drive rotation", "calibration plane"):
+    for name in ("axes.insertion.lead_mm", "bus", "calibration plane"):
         assert failed[name].solution
     assert "type can bitrate 1000000" in failed["bus"].solution
     for result in results:

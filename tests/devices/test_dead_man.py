@@ -20,8 +20,6 @@ from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.slcan import SlcanAdapter
 from labrig.errors import BusError, DriveError, SecondMasterError
 from tests.devices.bench_rig import bench_description, bench_rig
-from tests.devices.cia402.eds_text import eds_text, entry
-from tests.devices.cia402.sections import section_of
 from tests.devices.rigs import HEARTBEAT, OneDrive, OpenedRig, Person, one_drive, opened_rig, simulated_rig
 from tests.devices.served import Served, served_drives
 from tests.devices.wire_faults import abort_next
@@ -75,16 +73,6 @@ def test_a_drive_that_keeps_no_action_is_refused(place: Place) -> None:
         one.drive.objects._live = {**one.drive.objects._live, place: lambda: 0}
         with pytest.raises(DriveError, match=rf"{place}\) at 0 when .* cannot be relied upon to stop when"):
             configured(one)
-
-
-def test_a_drive_whose_option_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    """Read-only and "no action": nothing would stop it."""
-    locked = entry("6007", "h", "ro", name="abort connection option code")
-    with (
-        one_drive(section_of(tmp_path, eds_text(locked))) as one,
-        pytest.raises(DriveError, match=r"0x6007:00.* cannot be relied upon to stop"),
-    ):
-        configured(one)
 
 
 def test_an_option_that_a_firmware_lacks_is_null_in_the_record() -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from threading import Thread
 
 import can
@@ -13,13 +12,11 @@ from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.heartbeat import LONGEST_EXCHANGE_S, HeartbeatClock
 from labrig.devices.operator import NO_OFFER, Answer, ClearBench, Offer, OperatorRequest
-from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.node import NmtState
 from labrig.errors import InterruptedRunError, LabrigError
 from tests.devices.beats import listening, require_no_fault
-from tests.devices.cia402.sections import section_of
-from tests.devices.rigs import OpenedRig, opened_rig, ready_rig, simulated_rig
+from tests.devices.rigs import OpenedRig, opened_rig, ready_rig
 from tests.devices.wire_faults import ERROR_PASSIVE, FOR_GOOD, delay_next
 
 
@@ -62,21 +59,9 @@ ON_TIME_S = 2 * PERIOD_S + 3 * ONE_WAY_S
 has a way to go."""
 
 
-def rig_of(kind: str, folder: Path) -> RigDescription:
-    """Return a rig whose rotation has a drive of this kind."""
-    description = simulated_rig()
-    if kind == "epos2":
-        return description
-    rotation = section_of(
-        folder, node_id=2, unit="rad", gear_ratio=16, lead_mm=None, limits=(-13, 13), max_speed=6.0
-    )
-    return description.model_copy(update={"axes": description.axes.model_copy(update={"rotation": rotation})})
-
-
-@pytest.mark.parametrize("kind", ["epos2", "cia402"])
-def test_answers_of_20_ms_delay_no_beat(kind: str, tmp_path: Path) -> None:
+def test_answers_of_20_ms_delay_no_beat() -> None:
     """Opening, homing, moving and closing: no beat is late by more than a period, and no drive trips."""
-    with opened_rig(rig_of(kind, tmp_path)) as opened, listening(opened) as heard:
+    with opened_rig() as opened, listening(opened) as heard:
         delay_next(opened.hardware.wire, opened.hardware.clock, FOR_GOOD, ONE_WAY_S)
         opened.rig.connect()
         opened.rig.reference_axes()

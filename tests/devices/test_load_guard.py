@@ -177,12 +177,6 @@ FORCE = InputChannel(source="analog-1", unit="N", units_per_volt=4.0, zero_v=0.5
 SHUT = InputChannel(source="general-A", expected=True)
 
 
-def test_a_voltage_becomes_a_value_in_the_unit_of_the_sensor() -> None:
-    """4 N/V above 0.5 V: 1.75 V are 5 N; its column has the unit."""
-    assert FORCE.convert(1.75) == 5.0
-    assert (FORCE.column("needle_force"), SHUT.column("door")) == ("input_needle_force_N", "input_door")
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

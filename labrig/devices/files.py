@@ -8,7 +8,6 @@ What is decided here
 - Only regular files in the folder are read.
 """
 
-import os
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -98,22 +97,19 @@ CAMERA = FilesCameraDescription
 
 def _list_pictures(folder: Path) -> tuple[Path, ...]:
     try:
-        with os.scandir(folder) as entries:
-            found = [entry for entry in entries if Path(entry.name).suffix.lower() in PICTURE_SUFFIXES]
+        found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES]
     except OSError as error:
         raise CameraError(
             f"folder {folder} cannot be read: {error.strerror}", "check camera.source"
         ) from error
-    for entry in found:
-        if not entry.is_file(follow_symlinks=False):
-            raise CameraError(
-                f"{entry.path} is not a regular file", "copy the picture itself into the folder"
-            )
+    for path in found:
+        if path.is_symlink() or not path.is_file():
+            raise CameraError(f"{path} is not a regular file", "copy the picture itself into the folder")
     if not found:
         raise CameraError(
             f"folder {folder} holds no picture", f"pictures end in {' '.join(sorted(PICTURE_SUFFIXES))}"
         )
-    return tuple(sorted((Path(entry.path) for entry in found), key=number_order))
+    return tuple(sorted(found, key=number_order))
 
 
 def _read(path: Path) -> Picture:

@@ -64,17 +64,6 @@ class Expected:
         """The lowest and the highest position on the way."""
         return self.profile.range_within(-math.inf, self.profile.end_s)
 
-    def range_at(self, reading: PositionReading) -> tuple[float, float]:
-        """Return between which positions the profile was at a reading, however late the computer was."""
-        return self.profile.range_within(
-            reading.from_s - TIME_MARGIN_S, reading.until_s + self.ahead_s + TIME_MARGIN_S
-        )
-
-    def bound_lag(self, reading: PositionReading) -> float:
-        """Return the largest following error that the axis may have by a reading [mm or rad]."""
-        low, high = self.range_at(reading)
-        return max(high - reading.position, reading.position - low) + self.give
-
 
 def expect_rest(position: float) -> Expected:
     """Return what an axis has to do that stands at a position [mm or rad]."""
@@ -149,7 +138,10 @@ class PositionWatch:
                     fault=POSITION_JUMPED,
                     axis=self._name,
                 )
-        (low, high), lag = expected.range_at(reading), self._axis.max_following_error + expected.give
+        low, high = expected.profile.range_within(
+            reading.from_s - TIME_MARGIN_S, reading.until_s + expected.ahead_s + TIME_MARGIN_S
+        )  # however late the computer was
+        lag = self._axis.max_following_error + expected.give
         beyond = self._slack + expected.give
         low, high = max(low - lag, expected.way[0] - beyond), min(high + lag, expected.way[1] + beyond)
         if low <= position <= high:

@@ -9,8 +9,7 @@ What is decided here
 - A blocked axis lags by its speed times the time. It is looked at `READINGS_TO_FAULT` times until its drive would fail
   by its following error, but not more often than every `SHORTEST_PERIOD_S`: a faster axis is stopped by its drive
   first, which says following error (0x8611).
-- The following error is asked for first, and the current only of an axis that lags. A position that was read anyway
-  and shows no lag spares a look.
+- The following error is asked for first, and the current only of an axis that lags.
 - An axis for which nobody has named a current limit has no stall, only the drive's following error: its drive's own
   limit is often one that the motor never reaches, and looking costs time.
 """
@@ -19,7 +18,6 @@ import math
 from contextlib import suppress
 
 from labrig.devices.axis import Axis
-from labrig.devices.position_supervision import TIME_MARGIN_S, PositionReading
 from labrig.errors import STALLED, ForceGuardError, MachineError
 
 CURRENT_FRACTION = 0.8
@@ -57,19 +55,6 @@ class StallWatch:
         speed = self._axis.speed
         return max(SHORTEST_PERIOD_S, self._max_lag / speed / READINGS_TO_FAULT) if speed else math.inf
 
-    def _is_suspect(self, lag: float) -> bool:
-        """Tell whether a following error [mm or rad] is worth a look at the current."""
-        return abs(lag) >= LAG_FRACTION * self._max_lag / 2
-
-    def on_reading(self, reading: PositionReading) -> None:
-        """Spare a look at an axis that cannot lag by its position."""
-        expected = self._axis.expected
-        # A fast axis has gone too far while its position was read.
-        if expected is None or not expected.speed or self._is_suspect(2 * TIME_MARGIN_S * expected.speed):
-            return
-        if not self._is_suspect(expected.bound_lag(reading)):
-            self._looked_s, self._since_s = reading.until_s, None
-
     def look(self, now_s: float) -> None:
         """Look at the axis if it moves and it is time to. Raises `ForceGuardError`, `DriveError`, `BusError`."""
         period_s = self.period_s
@@ -78,7 +63,8 @@ class StallWatch:
         elif now_s - self._looked_s >= period_s - _EARLY_S:
             self._looked_s = now_s
             lag = self._axis.drive.lag() or 0.0
-            self.judge(now_s, lag, (self._axis.drive.current_ma() or 0.0) if self._is_suspect(lag) else 0.0)
+            lags = abs(lag) >= LAG_FRACTION * self._max_lag / 2
+            self.judge(now_s, lag, (self._axis.drive.current_ma() or 0.0) if lags else 0.0)
 
     def judge(self, t_s: float, lag: float, current_ma: float) -> None:
         """Judge the following error [mm or rad] and the motor current [mA], read at `t_s` of rig time.

@@ -152,19 +152,15 @@ class Supervisor:
             for name, axis in self._axes.items()
         }
         until_s = self._heartbeat.now_s()
-        places = {name: PositionReading(self.last_s, until_s, each.position) for name, each in states.items()}
-        self._require_places(places)
-        self._require_targets()
-        self._require_inputs({name: state.inputs for name, state in states.items() if state.inputs})
-        for name, stall in self._stalls.items():
-            stall.on_reading(places[name])
-        return states
-
-    def _require_places(self, places: Mapping[str, PositionReading]) -> None:
-        """Raise the `DriveStrayedError`s of all axes that are not where they should be."""
-        strays = [stray for name, axis in self._axes.items() if (stray := axis.judge(places[name]))]
+        readings = {
+            name: PositionReading(self.last_s, until_s, each.position) for name, each in states.items()
+        }
+        strays = [stray for name, axis in self._axes.items() if (stray := axis.judge(readings[name]))]
         self.jumped |= {stray.axis for stray in strays if stray.fault is POSITION_JUMPED}
         raise_together(strays)
+        self._require_targets()
+        self._require_inputs({name: state.inputs for name, state in states.items() if state.inputs})
+        return states
 
     def _require_targets(self) -> None:
         """Read back, if it is time to, the targets of axes in motion; where none moves, of one after another."""

@@ -1,6 +1,5 @@
 """Rig time, real and simulated."""
 
-from datetime import timedelta
 from itertools import pairwise
 
 from hypothesis import given
@@ -26,16 +25,6 @@ def test_listeners_are_called_at_least_every_tenth_of_a_second(duration: float) 
     clock.sleep(duration)
     assert all(0 < later - before <= MAX_STEP_S + 1e-9 for before, later in pairwise(heard))
     assert heard[-1] == clock.now_s()
-
-
-def test_the_system_clock_never_goes_back_and_starts_near_zero() -> None:
-    """It is monotonic, and its calendar time is aware and in UTC."""
-    clock = SystemClock()
-    before = clock.now_s()
-    clock.sleep(-1.0)
-    clock.sleep(0.0)
-    assert 0.0 <= before <= clock.now_s()
-    assert clock.utc().utcoffset() == SimulatedClock().utc().utcoffset() == timedelta(0)
 
 
 def test_a_watched_clock_tells_of_the_computers_time_while_somebody_waits() -> None:

@@ -217,19 +217,6 @@ def test_a_drive_that_restarted_is_where_it_was_last() -> None:
         assert "lost power" in located.axes[0].why_old
 
 
-def test_an_unknown_needle_is_said_to_be_unknown() -> None:
-    """Nobody knows of a rig without a state file; it is neither in tissue nor out."""
-    with opened_rig() as opened:
-        opened.rig.connect()
-        opened.rig.needle.update(needle_in_tissue=None, note="this rig has no state file yet")
-        opened.rig.stop()
-        located = opened.rig.locate_needle()
-        assert located.motion == (
-            "every axis stands still; whether a needle is in tissue is not known (this rig has no state file yet)"
-        )
-        assert located.document()["in_tissue"] is None
-
-
 def test_no_remedy_costs_the_position_of_a_needle_in_tissue() -> None:
     """Power is switched off and on only with no needle in tissue, and nothing is moved by hand."""
     for (table, code), (text, remedy) in ERRORS.items():

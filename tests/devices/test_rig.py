@@ -221,7 +221,7 @@ def _beyond(opened: OpenedRig) -> list[str]:
     return places
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(st.lists(st.tuples(st.sampled_from(AXES), ANYTHING, SPEED, st.floats(0, 30)), max_size=8))
 @example([("insertion", 120.0, 20.0, 7.0), ("insertion", -2.0, 20.0, 30.0), ("linear", 150.0, 20.0, 30.0)])
 def test_no_moves_at_all_take_an_axis_beyond_its_limits(

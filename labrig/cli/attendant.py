@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
 
-from labrig.cli.live import show_while_made
+from labrig.cli.live import Follower
 from labrig.cli.options import LiveKind
 from labrig.cli.output import SPEAKS_JSON, say
 from labrig.cli.progress import Reporter, progress
@@ -33,6 +33,7 @@ class TerminalAttendant(Attendant):
 
     def __init__(self, viewer: LiveKind | None = None) -> None:
         self._viewer = viewer
+        self._follower: Follower | None = None
 
     def say(self, text: str) -> None:
         """Tell what happens."""
@@ -74,9 +75,25 @@ class TerminalAttendant(Attendant):
         ):
             yield _Requests(interrupted, control)
 
-    def watch(self) -> AbstractContextManager[Callable[[Path], None]]:  # type: ignore[override]
-        """Show the run in a viewer, if that is asked for."""
-        return show_while_made(self._viewer)
+    @contextmanager
+    def watch(self) -> Iterator[Callable[[Path], None]]:
+        """Show the run in a viewer, if that is asked for, which starts before the rig is opened."""
+        if self._viewer is None:
+            yield lambda _run: None
+            return
+        follower = Follower(self._viewer)
+        try:
+            yield follower.follow
+        except BaseException:
+            follower.close()
+            raise
+        follower.finish()
+        self._follower = follower
+
+    def leave_view(self) -> None:
+        """Leave the view of an ended run open in a browser until Ctrl+C."""
+        if self._follower is not None:
+            self._follower.stay()
 
 
 class _Requests(PauseRequests):

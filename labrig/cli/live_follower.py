@@ -1,7 +1,8 @@
 """The process that shows a run live: starts the viewer, follows the record, and says what a person must know.
 
-`python -m labrig.cli.live_follower RUN KIND [PROGRAM]` writes one sentence a line on standard output; the program is
-the viewer. It ends with the run, with the viewer, or with the process that started it.
+`python -m labrig.cli.live_follower KIND [PROGRAM]` starts the viewer, which is the program, and reads the run's folder
+from standard input. It writes one sentence a line on standard output, and closes that when the ended run is shown. A
+window stays by itself; for `web` the process goes on until the one that started it ends.
 """
 
 import os
@@ -29,9 +30,9 @@ def main() -> None:
     """Show the run, and end without waiting for what the viewer has not taken."""
     end_with_parent()
     os.nice(_LESS_URGENT)
-    path, kind, *program = sys.argv[1:]
+    kind, *program = sys.argv[1:]
     try:
-        _show(Path(path), "web" if kind == "web" else "window", program[0] if program else find_viewer())
+        _show("web" if kind == "web" else "window", program[0] if program else find_viewer())
     except LabrigError as error:
         _tell(f"nothing is shown live: {error.message}" + (f"; {error.hint}" if error.hint else ""))
     except Exception as error:  # noqa: BLE001 - a bug ends this process alone
@@ -40,22 +41,30 @@ def main() -> None:
     os._exit(0)
 
 
-def _show(path: Path, wanted: ViewerKind, program: str) -> None:
+def _show(wanted: ViewerKind, program: str) -> None:
     clock = SystemClock()
     kind = wanted if has_display(os.environ) else "web"
     viewer = start_viewer(kind, clock, program)
     _tell_where(viewer)
-    view = follow_run(open_run(path))
-    show_live(GrowingRun(path), view, viewer, describe_statusword, clock=clock, tell=_tell)
+    path = sys.stdin.readline().rstrip("\n")
+    if not path:
+        return
+    view = follow_run(open_run(Path(path)))
+    show_live(GrowingRun(Path(path)), view, viewer, describe_statusword, clock=clock, tell=_tell)
+    if wanted == "web":
+        os.close(sys.stdout.fileno())
+        viewer.process.wait()
 
 
 def _tell_where(viewer: RunningViewer) -> None:
     """Say where the run can be seen, from another computer too."""
-    if viewer.kind == "web":
-        forward = suggest_forwarding(viewer.port, viewer.web_port)
-        _tell(f"open {viewer.page}\nfrom another computer first: {forward}")
-        if has_display(os.environ):
-            webbrowser.open(viewer.page)
+    if viewer.kind == "window":
+        _tell("the run is shown in a window of its own")
+        return
+    forward = suggest_forwarding(viewer.port, viewer.web_port)
+    _tell(f"open {viewer.page}\nfrom another computer first: {forward}")
+    if has_display(os.environ):
+        webbrowser.open(viewer.page)
 
 
 def _tell(text: str) -> None:

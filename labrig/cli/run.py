@@ -50,7 +50,7 @@ def run(
         say("note: --yes answers only for a simulated rig without clock: real; every question is asked")
     attendant = TerminalAttendant(live)
     finished = make_run(sources, chosen.path, run_name, attendant=attendant, command_line=sys.argv)
-    return _end(finished, live)
+    return _end(finished, attendant, live)
 
 
 def resume(run_path: RunArgument, rig: RigOption = None, live: LiveOption = None) -> int:
@@ -58,10 +58,11 @@ def resume(run_path: RunArgument, rig: RigOption = None, live: LiveOption = None
     from labrig.cli.attendant import TerminalAttendant
     from labrig.library.resumption import resume_run
 
-    return _end(resume_run(run_path, rig, tuple(sys.argv), TerminalAttendant(live)), live)
+    attendant = TerminalAttendant(live)
+    return _end(resume_run(run_path, rig, tuple(sys.argv), attendant), attendant, live)
 
 
-def _end(finished: Any, live: LiveKind | None) -> int:
+def _end(finished: Any, attendant: Any, live: LiveKind | None) -> int:
     """Keep the view of a run that was shown live, print how it ended, and return the exit code."""
     from labrig.cli.finished_run import print_finished
     from labrig.cli.signals import Interruption
@@ -76,4 +77,7 @@ def _end(finished: Any, live: LiveKind | None) -> int:
             view(run)
         except (LabrigError, Interruption) as error:
             say(f"note: view.rrd was not written: {error}; labrig view makes it")
-    return print_finished(finished, find_run_experiment(run))
+    code = print_finished(finished, find_run_experiment(run))
+    if not finished.signal_name:
+        attendant.leave_view()
+    return code

@@ -1,8 +1,12 @@
 """`labrig run --live`."""
 
+import re
+import signal
 import subprocess
 import sys
+from http import HTTPStatus
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 
@@ -50,11 +54,39 @@ def test_a_viewer_that_fails_is_told_once(
         viewer.write_text("#!/bin/sh\nexit 1\n")
     viewer.chmod(0o755)
     run = record_sweep(tmp_path, SyntheticSweep(radii_mm={"gel": (28.0,)}, gelatin_percent=(13,)))
-    follower = Follower(run.path, "viewer", str(viewer))
+    follower = Follower("viewer", str(viewer))
+    follower.follow(run.path)
     follower.finish(3.0 if program == "stalled" else 120.0)
     said = [line for line in capsys.readouterr().err.splitlines() if "live view: nothing" in line]
     assert len(said) == (0 if program == "stalled" else 1)
     assert check_run(run.path).damage == ()
+
+
+@pytest.mark.slow
+def test_a_browser_is_told_before_the_run_and_stays_after_it(tmp_path: Path) -> None:
+    """Until Ctrl+C the page is served; then the run's exit code is returned."""
+    command = (sys.executable, "-m", "labrig", "run", *of_protocol("steerability"), "--live", "web")
+    with subprocess.Popen(
+        [*map(str, command), "--runs-dir", str(tmp_path), "--run-name", "run"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stderr is not None
+        said = []
+        for line in process.stderr:
+            said.append(line)
+            if "stays open" in line:
+                break
+        opened, *_ = (number for number, line in enumerate(said) if "live view: open http" in line)
+        assert not any("elapsed" in line for line in said[:opened])
+        page = re.search(r"http://\S+", said[opened])
+        assert page is not None
+        with urlopen(page[0]) as reply:
+            assert reply.status == HTTPStatus.OK
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
 
 
 @pytest.mark.parametrize(

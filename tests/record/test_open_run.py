@@ -39,10 +39,8 @@ def test_an_empty_run_has_the_columns(tmp_path: Path) -> None:
     assert list(run.states.columns) == ["t_s"]
     assert list(run.events.columns) == ["kind", "t_s"]
     assert list(run.trials.columns) == ["trial", "start_t_s", "stop_t_s", "exit_status", "final_frame"]
-    assert [len(part) for part in (run.states, run.frame_table, run.truth, run.pictures, run.steps)] == [
-        0
-    ] * 5
-    assert run.measurements.empty
+    tables = (run.states, run.frame_table, run.truth, run.steps, run.measurements)
+    assert (sum(map(len, tables)), len(run.pictures)) == (0, 0)
     assert run.result is None
 
 

@@ -13,20 +13,14 @@ from tests.simulation.benches import bench, centre_line_mm, insert, withdraw
 
 def session(seed: int) -> tuple[bytes, ...]:
     """Return the pictures of a short session."""
-    world = bench(WorldDescription(), seed)
-    pictures = []
-    for depth_mm in (5.0, 20.0):
-        insert(world, depth_mm)
-        pictures.append(world.picture())
-    withdraw(world)
-    world.shift_to_hole("A", 1, 45.0)
-    pictures.append(world.picture())
-    world.clear_bench()
-    world.lay_graph_paper(1.0)
-    pictures.append(world.picture())
-    world.hold_board(0, 9, 6, 25.0)
-    pictures.append(world.picture())
-    return tuple(picture.tobytes() for picture in pictures)
+    world, pictures = bench(WorldDescription(), seed), list[bytes]()
+    for act in (
+        lambda: insert(world, 20.0), lambda: withdraw(world), lambda: world.shift_to_hole("A", 1, 45.0),
+        lambda: world.lay_graph_paper(1.0), lambda: world.hold_board(0, 9, 6, 25.0),
+    ):  # fmt: skip
+        act()
+        pictures.append(world.picture().tobytes())
+    return tuple(pictures)
 
 
 def test_the_same_seed_gives_the_same_pictures_byte_for_byte() -> None:

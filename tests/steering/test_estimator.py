@@ -234,35 +234,24 @@ def test_a_roll_without_an_advance_turns_the_tip(method: str) -> None:
     np.testing.assert_array_equal(flipped.position_mm, state.position_mm)
 
 
-def _with(index: tuple[int, int], value: float) -> np.ndarray:
-    positions = insert(0, planar=False).positions_mm.copy()
-    positions[index] = value
-    return positions
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"positions_mm": _with((7, 1), math.nan)}, r"positions_mm\[7, 1\] is nan"),
-        ({"positions_mm": _with((100, 2), math.inf)}, r"positions_mm\[100, 2\] is inf"),
+        ({"positions_mm": [(0.0, 0.0, 0.0), (0.0, math.nan, 1.0)]}, r"positions_mm\[1, 1\] is nan"),
         ({"positions_mm": np.zeros((101, 2))}, r"positions_mm has shape \(101, 2\), expected \(N, 3\)"),
         ({"positions_mm": np.zeros((0, 3))}, "positions_mm is empty"),
         ({"positions_mm": [["a", "b", "c"]]}, "positions_mm is not an array of numbers"),
         ({"roll_rad": np.zeros(101)}, r"roll_rad has shape \(101,\), expected \(100\)"),
-        ({"roll_rad": np.full(100, math.nan)}, r"roll_rad\[0\] is nan"),
         ({"step_mm": 0.0}, "step_mm is 0"),
-        ({"step_mm": math.nan}, "step_mm is nan"),
         ({"radius_mm": 0.0}, "radius_mm is 0"),
-        ({"radius_mm": -27.6}, r"radius_mm is -27\.6"),
         ({"radius_mm": math.nan}, "radius_mm is nan"),
         ({"observation_sd_mm": 0.0}, "observation_sd_mm is 0"),
         ({"process_sd_rad": -0.1}, r"process_sd_deg_per_root_mm is -5\.7"),
         ({"method": "kalman"}, "method is kalman"),
         ({"start": np.eye(3)}, r"start has shape \(3, 3\), expected \(4, 4\)"),
         ({"start": np.diag((1.0, 1.0, -1.0, 1.0))}, "3x3 of start is not a rotation"),
-        ({"start": np.diag((2.0, 1.0, 1.0, 1.0))}, "3x3 of start is not a rotation"),
         ({"start": np.full((4, 4), math.nan)}, r"start\[0, 0\] is nan"),
-        ({"start": np.ones((4, 4)) * 0 + np.diag((1.0, 1.0, 1.0, 2.0))}, "last row of start"),
+        ({"start": np.diag((1.0, 1.0, 1.0, 2.0))}, "last row of start"),
     ],
 )
 def test_bad_input_is_named(changes: dict[str, object], message: str) -> None:

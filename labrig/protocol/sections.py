@@ -127,8 +127,9 @@ class JudgedProtocol(MovingProtocol):
     conditions: tuple[Condition, ...] = Field((), max_length=20)
     """Conditions on which the run asks or stops after an insertion."""
 
-    def find_condition_faults(self) -> Iterator[Conflict]:
+    def conflicts(self) -> Iterator[Conflict]:
         """Yield conditions on values that are not judged."""
+        yield from super().conflicts()
         for number, condition in enumerate(self.conditions):
             if condition.value not in self.judged_values:
                 key = f"conditions.{number}.value"
@@ -387,3 +388,29 @@ def check_sheath(key: str, sheath_mm: float, needle_mm: float) -> Iterator[Confl
     if sheath_mm <= needle_mm:
         message = f"{key} is {sheath_mm:g}, must be above needle.diameter_mm, {needle_mm:g}"
         yield Conflict(key, message, "the needle runs inside the sheath")
+
+
+class NeedleProtocol(MovingProtocol):
+    """The keys of every protocol that inserts a needle through a sheath."""
+
+    needle: Needle
+    """The needle of the run."""
+    sheath: Sheath
+    """The tube that brings the needle into the gel."""
+    sentinel: GridSentinel | None = None
+    """Grid pictures before and after the run; null for none."""
+
+    @property
+    def expected_radius_mm(self) -> float:
+        """The design radius of the needle."""
+        return self.needle.design_radius_mm
+
+    @property
+    def pictured_needle(self) -> NeedleInPicture:
+        """Needle and sheath of the run."""
+        return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a sheath that is too narrow for the needle."""
+        yield from super().conflicts()
+        yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)

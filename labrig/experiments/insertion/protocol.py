@@ -19,14 +19,10 @@ from labrig.protocol.model import (
 from labrig.protocol.sections import (
     Advance,
     Criterion,
-    GridSentinel,
     JudgedProtocol,
-    Needle,
-    NeedleInPicture,
+    NeedleProtocol,
     RollZeroSteps,
-    Sheath,
     TrackedSpecimen,
-    check_sheath,
 )
 from labrig.protocol.specimen_file import TracksBySpecimen
 from labrig.steering.parameters import (
@@ -159,7 +155,7 @@ class OutOfPlane(Model):
     measured with the roll zero and is compensated, that of the measurement counts instead [deg]."""
 
 
-class InsertionProtocol(JudgedProtocol):
+class InsertionProtocol(JudgedProtocol, NeedleProtocol):
     """Section V-C of the paper: steer to a target between obstacles, with feedback from the camera."""
 
     pictures_decide_motion: ClassVar[bool] = True
@@ -171,8 +167,6 @@ class InsertionProtocol(JudgedProtocol):
     """Which experiment this file describes."""
     title: Line = "Insertion to a target"
     """Heading of the report."""
-    needle: Needle
-    """The needle of the run."""
     specimen: Phantom
     """The block of gel with the obstacles; each repetition takes a new one."""
     repetitions: int = Field(1, ge=1, le=500)
@@ -183,8 +177,6 @@ class InsertionProtocol(JudgedProtocol):
     """Spheres to keep off, any number up to a hundred."""
     markers: Markers | None = None
     """The printed markers by which moving targets and obstacles are followed; null: none."""
-    sheath: Sheath
-    """The tube that brings the needle into the gel."""
     insertion: InsertionAdvance
     """How the needle goes in and comes out."""
     planner: Planner
@@ -198,8 +190,6 @@ class InsertionProtocol(JudgedProtocol):
     of the distance in space lies within the tolerance."""
     roll_zero: RollZeroSteps | None = None
     """How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion."""
-    sentinel: GridSentinel | None = None
-    """Grid pictures before and after the run; null for none."""
 
     @field_validator("policy", mode="before")
     @classmethod
@@ -228,11 +218,6 @@ class InsertionProtocol(JudgedProtocol):
         return self.planner.radius_mm
 
     @property
-    def pictured_needle(self) -> NeedleInPicture:
-        """Needle and sheath of the run."""
-        return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
-
-    @property
     def criterion(self) -> Criterion:
         """The tip's true distance from the target, and the tolerance."""
         return Criterion("true_target_error_mm", self.target.tolerance_mm)
@@ -258,9 +243,8 @@ class InsertionProtocol(JudgedProtocol):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield sizes that contradict each other, and a named block for insertions that take one each."""
-        yield from self.find_condition_faults()
+        yield from super().conflicts()
         yield from self._find_keys_beside_paper()
-        yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.specimen.block is not None and self.repetitions > 1:
             message = (
                 f"{self.repetitions} repetitions, each in a new block, and the specimen file describes one"

@@ -10,13 +10,9 @@ from labrig.protocol.model import Conflict, Line, Model, PositiveMm, SpeedMmS
 from labrig.protocol.sections import (
     AnalysisWindow,
     Criterion,
-    GridSentinel,
     JudgedProtocol,
-    Needle,
-    NeedleInPicture,
-    Sheath,
+    NeedleProtocol,
     TrackedSpecimen,
-    check_sheath,
     limit_conflict,
 )
 from labrig.protocol.specimen_file import TracksBySpecimen
@@ -45,7 +41,7 @@ class Insertion(Model):
         return [self.frame_every_mm * number for number in range(1, parts)]
 
 
-class SteerabilityProtocol(JudgedProtocol):
+class SteerabilityProtocol(JudgedProtocol, NeedleProtocol):
     """Section V-B of the paper: insertions without turning the bevel, in gels of different stiffness."""
 
     judged_values: ClassVar[Mapping[str, str]] = {
@@ -57,8 +53,6 @@ class SteerabilityProtocol(JudgedProtocol):
     """Which experiment this file describes."""
     title: Line = "Steerability test"
     """Heading of the report."""
-    needle: Needle
-    """The needle of the run."""
     specimens: tuple[TrackedSpecimen, ...] = Field(min_length=1, max_length=50)
     """The blocks of gel, in the order in which they are used."""
     insertions_per_specimen: int = Field(ge=1, le=500)
@@ -70,14 +64,10 @@ class SteerabilityProtocol(JudgedProtocol):
     that a drift over time is not taken for an effect of the place."""
     specimen_width_mm: float = Field(gt=0, le=2000)
     """Width of a block across the insertion [mm]."""
-    sheath: Sheath
-    """The tube that brings the needle into the gel."""
     insertion: Insertion
     """How the needle goes in and comes out."""
     analysis: AnalysisWindow
     """Which part of the shaft is fitted, and what is accepted."""
-    sentinel: GridSentinel | None = None
-    """Grid pictures before and after the run; null for none."""
 
     @property
     def lateral_reach_mm(self) -> float:
@@ -89,16 +79,6 @@ class SteerabilityProtocol(JudgedProtocol):
     def last_place_mm(self) -> float:
         """The last entry point from which such an arc stays in its block [mm]."""
         return self.specimen_width_mm - self.lateral_reach_mm
-
-    @property
-    def expected_radius_mm(self) -> float:
-        """The design radius of the needle."""
-        return self.needle.design_radius_mm
-
-    @property
-    def pictured_needle(self) -> NeedleInPicture:
-        """Needle and sheath of the run."""
-        return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
 
     @property
     def criterion(self) -> Criterion:
@@ -122,10 +102,9 @@ class SteerabilityProtocol(JudgedProtocol):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield repeated names, and sizes that contradict each other."""
-        yield from self.find_condition_faults()
+        yield from super().conflicts()
         yield from self._find_repeated_names()
         yield from self._find_holes_beyond_block()
-        yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.hole_spacing_mm <= self.needle.diameter_mm:
             yield limit_conflict(
                 "hole_spacing_mm", self.hole_spacing_mm, "needle.diameter_mm", self.needle.diameter_mm

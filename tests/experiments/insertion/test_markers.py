@@ -11,7 +11,7 @@ import pytest
 from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword
 from labrig.devices.operator import ConfirmStopped
-from labrig.errors import FileFormatError, Problem
+from labrig.errors import FileFormatError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.markers import FollowedMarkers
@@ -138,20 +138,11 @@ def test_a_marker_that_is_lost_stops_the_axes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("what", "told"),
     [
-        (
-            world("marker_id: 8, side_mm: 6, position_mm: [-28, 45]"),
-            "marker 7 of DICT_4X4_50 is missing: it was not",
-        ),
-        (
-            world(f"{MARKER}}}, {{marker_id: 7, side_mm: 6, position_mm: [20, 60]"),
-            "marker 7 of DICT_4X4_50 is missing: it was seen 2 times",
-        ),
-        (
-            world(f"{MARKER}, x_mm: -20"),
-            "and markers.side_mm is 6",
-        ),
+        (world("marker_id: 8, side_mm: 6, position_mm: [-28, 45]"), "marker 7 of DICT_4X4_50 is missing: it was not"),
+        (world(f"{MARKER}}}, {{marker_id: 7, side_mm: 6, position_mm: [20, 60]"), "is missing: it was seen 2 times"),
+        (world(f"{MARKER}, x_mm: -20"), "and markers.side_mm is 6"),
     ],
-)
+)  # fmt: skip
 def test_without_its_markers_the_needle_does_not_move(tmp_path: Path, what: str, told: str) -> None:
     """A marker that is missing, there twice, or beside the plane ends the run before anything moves, and is named."""
     outcome, run = conduct_insertion(tmp_path, insertion(*NEAR, *BOUND), (*EVEN, what))
@@ -161,6 +152,7 @@ def test_without_its_markers_the_needle_does_not_move(tmp_path: Path, what: str,
     assert not events(run, "move")
 
 
+START = (-20.0, 30.0)
 PLANE = PlaneMap.from_scale(10.0, (0.0, 0.0), "right")
 AIM = Aim((0.0, -3.0, 25.0), (Obstacle((0.0, 9.0, 25.0), 4.0), Obstacle((0.0, 12.0, 40.0), 4.0)))
 
@@ -180,34 +172,19 @@ def follow(
 @pytest.mark.parametrize(
     ("seen", "moved_mm", "unseen_mm", "told"),
     [
-        (((1.0, (-19.8, 30.0)), (3.0, None), (5.0, None)), (0.2, 0.0), 4.0, None),
-        (((1.0, (-19.8, 30.0)), (3.0, None), (5.0, None), (6.0, (-19.5, 30.0))), (0.5, 0.0), 0.0, None),
-        (
-            ((8.0, (-20.0, 30.0)), (14.0, None), (9.0, None)),
-            (0.0, 0.0),
-            11.0,
-            "marker 7 was not seen while the needle moved by 11.0 mm, and 10 mm are allowed",
-        ),
-        (((8.0, (-20.0, 30.0)), (14.0, None), (10.0, None)), (0.0, 0.0), 10.0, None),
-        (((1.0, (-20.0, 30.0)), (2.0, (-18.0, 30.0))), (0.0, 0.0), 1.0, None),
-        (
-            ((1.0, (-20.0, 30.0)), (2.0, (-18.0, 30.0)), (3.0, (-20.0, 30.1)), (4.0, (-18.0, 30.0))),
-            (0.0, 0.1),
-            1.0,
-            None,
-        ),
-        (((2.0, (-18.0, 30.0)), (3.0, (-20.0, 35.0))), (0.0, 0.0), 3.0, None),
+        (((1, (-19.8, 30.0)), (3, None), (5, None)), (0.2, 0.0), 4.0, None),
+        (((1, (-19.8, 30.0)), (3, None), (5, None), (6, (-19.5, 30.0))), (0.5, 0.0), 0.0, None),
+        (((8, START), (14, None), (9, None)), (0.0, 0.0), 11.0, "not seen while the needle moved by 11.0 mm"),
+        (((8, START), (14, None), (10, None)), (0.0, 0.0), 10.0, None),
+        (((1, START), (2, (-18.0, 30.0))), (0.0, 0.0), 1.0, None),
+        (((1, START), (2, (-18.0, 30.0)), (3, (-20.0, 30.1)), (4, (-18.0, 30.0))), (0.0, 0.1), 1.0, None),
+        (((2, (-18.0, 30.0)), (3, (-20.0, 35.0))), (0.0, 0.0), 3.0, None),
         # unseen over 10 mm it may have moved by 1 mm and three times 0.5 mm
-        (((1.0, (-20.0, 30.0)), (6.0, None), (11.0, (-17.6, 30.0))), (2.4, 0.0), 0.0, None),
-        (((1.0, (-20.0, 30.0)), (6.0, None), (11.0, (-17.4, 30.0))), (0.0, 0.0), 10.0, None),
-        (
-            ((2.0, (-18.0, 30.0)), (3.0, (-17.9, 30.0))),
-            (0.0, 0.0),
-            3.0,
-            "marker 7 has jumped by 2.1 mm and stays there",
-        ),
+        (((1, START), (6, None), (11, (-17.6, 30.0))), (2.4, 0.0), 0.0, None),
+        (((1, START), (6, None), (11, (-17.4, 30.0))), (0.0, 0.0), 10.0, None),
+        (((2, (-18.0, 30.0)), (3, (-17.9, 30.0))), (0.0, 0.0), 3.0, "marker 7 has jumped by 2.1 mm and stays there"),
     ],
-)
+)  # fmt: skip
 def test_a_marker_is_held_believed_or_stops_the_needle(
     seen: tuple[tuple[float, tuple[float, float] | None], ...],
     moved_mm: tuple[float, float],
@@ -250,22 +227,23 @@ def test_target_and_obstacles_are_planned_with_where_their_markers_are() -> None
     assert inside.problem.target_mm == beside.problem.target_mm
 
 
-def test_markers_that_cannot_be_told_are_named_before_a_run() -> None:
+@pytest.mark.parametrize(
+    ("overrides", "where", "told"),
+    [
+        (("target.marker_id=50", "markers={side_mm: 6}"), "target.marker_id", "50 is not in DICT_4X4_50, whose"),
+        (("target.marker_id=7", "markers={side_mm: 2}"), "markers.side_mm", "print them 3 mm large"),
+        (("target.marker_id=7", "markers={side_mm: 6, x_mm: -190}"), "markers.x_mm", "state how far they are"),
+    ],
+)  # fmt: skip
+def test_markers_that_cannot_be_told_are_named_before_a_run(
+    overrides: tuple[str, ...], where: str, told: str
+) -> None:
     """An id that the dictionary lacks, bits that are too small, and a plane across which nothing is known."""
-    unknown = _find_problems("target.marker_id=50", "markers={side_mm: 6}")
-    assert [problem.where for problem in unknown] == ["target.marker_id"]
-    assert "50 is not in DICT_4X4_50, whose markers are 0 to 49" in unknown[0].message
-    (small,) = _find_problems("target.marker_id=7", "markers={side_mm: 2}")
-    assert small.where == "markers.side_mm"
-    assert "print them 3 mm large" in small.hint
-    (behind,) = _find_problems("target.marker_id=7", "markers={side_mm: 6, x_mm: -190}")
-    assert behind.where == "markers.x_mm"
-    assert not _find_problems(*BOUND)
-
-
-def _find_problems(*overrides: str) -> tuple[Problem, ...]:
-    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *overrides])
-    return find_problems(protocol, large_rig())
+    beginning = [*FROM_THE_BEGINNING, *overrides]
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, beginning)
+    (problem,) = find_problems(protocol, large_rig())
+    assert problem.where == where
+    assert told in f"{problem.message} {problem.hint}"
 
 
 @pytest.mark.parametrize(

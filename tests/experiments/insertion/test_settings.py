@@ -39,14 +39,10 @@ def test_one_word_is_the_whole_of_the_papers_policy(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "beside",
     [
-        "planner.method=best",
-        "estimator.method=error-state",
-        "estimator.radius_sd_mm=0",
-        "estimator.cavity_every_mm=50",
-        "estimator.slip_sd=0.01",
-        "policy.near_mm=0",
+        "planner.method=best", "estimator.method=error-state", "estimator.radius_sd_mm=0",
+        "estimator.cavity_every_mm=50", "estimator.slip_sd=0.01", "policy.near_mm=0",
     ],
-)
+)  # fmt: skip
 def test_a_key_beside_the_papers_policy_is_refused(beside: str) -> None:
     """What the word decides cannot be set too."""
     with pytest.raises(FileFormatError, match=beside.partition("=")[0]):

@@ -38,24 +38,14 @@ def _picture(trial: SpecimenTrialStart, radius_mm: float | None, reason: str | N
     )
 
 
-def test_two_needles_in_one_gel_are_two_groups() -> None:
-    """A new needle in the same gel is a group of its own: the paper's unit is the needle-tissue pair."""
+def test_a_needle_in_a_gel_is_a_group_and_counts_once() -> None:
+    """A new needle in the same gel is a group of its own, and one with many insertions weighs no more than another."""
     trials = [_trial(0), _trial(1, needle_id="N2"), _trial(2)]
-    finals = {
-        trial.trial: _picture(trial, radius) for trial, radius in zip(trials, (28.0, 30.0, 28.4), strict=True)
-    }
-    groups = summarise_specimens(trials, finals)
-    assert [(group.needle_id, group.n, group.mean_radius_mm) for group in groups] == [
-        ("N1", 2, 28.2),
-        ("N2", 1, 30.0),
-    ]
-
-
-def test_the_mean_of_means_counts_each_gel_once() -> None:
-    """A gel with many insertions weighs no more than one with few."""
-    trials = [_trial(0), _trial(1), _trial(2), _trial(3, "other")]
-    finals = {trial.trial: _picture(trial, 27.0 if trial.specimen == "gel" else 29.0) for trial in trials}
-    assert average_means(summarise_specimens(trials, finals)) == 28.0
+    radii_mm = zip(trials, (28.0, 30.0, 28.4), strict=True)
+    groups = summarise_specimens(trials, {trial.trial: _picture(trial, radius) for trial, radius in radii_mm})
+    assert [(group.needle_id, group.n) for group in groups] == [("N1", 2), ("N2", 1)]
+    assert [group.mean_radius_mm for group in groups] == pytest.approx([28.2, 30.0])
+    assert average_means(groups) == pytest.approx(29.1)
 
 
 def test_refused_and_missing_pictures_are_counted_apart_and_enter_no_mean() -> None:
@@ -90,5 +80,5 @@ def test_refusing_a_picture_does_not_flatter_the_error_of_the_mean() -> None:
 
 def test_the_papers_mean_is_that_of_its_four_gels() -> None:
     """The mean of the paper's four means rounds to its 27.6 mm."""
-    mean = sum(gel.mean_radius_mm for gel in PAPER_GELS) / len(PAPER_GELS)
+    mean = sum(mean_mm for mean_mm, _ in PAPER_GELS.values()) / len(PAPER_GELS)
     assert mean == pytest.approx(PAPER_MEAN_RADIUS_MM, abs=0.05)

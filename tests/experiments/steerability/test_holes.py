@@ -63,31 +63,17 @@ def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
     assert list_left(protocol(), ()) == trials
 
 
-def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
-    """A repeated trial gets its own number, hole and place; trials not yet begun keep theirs."""
-    trials = list_planned(protocol())
-    past = [begin(trials[0], finished=True), begin(trials[1], finished=False)]
-    left = list_left(protocol(), past)
+def test_an_interrupted_trial_is_made_again_where_its_block_has_room() -> None:
+    """Behind the last hole under a number of its own; else halfway between two; without room the block is named."""
+    trials, narrow = list_planned(protocol()), protocol("specimen_width_mm=44")
+    left = list_left(protocol(), [begin(trials[0], finished=True), begin(trials[1], finished=False)])
     assert [(trial.number, trial.what.number, trial.what.position_mm, trial.repeats) for trial in left] == [
         (2, 2, 20.0, None), (6, 3, 30.0, 1), (3, 0, 0.0, None), (4, 1, 10.0, None), (5, 2, 20.0, None),
     ]  # fmt: skip
-
-
-def test_a_narrow_block_is_entered_between_two_holes() -> None:
-    """Without room beyond the last hole, a trial is repeated at the nearest free place halfway between two holes."""
-    narrow = protocol("specimen_width_mm=44")
-    trials = list_planned(narrow)
-    past = [begin(trial, finished=trial.number != 2) for trial in trials[:3]]
-    left = list_left(narrow, past)
-    assert (left[0].what.position_mm, left[0].what.number, left[0].repeats) == (15.0, 3, 2)
-
-
-def test_a_block_without_room_is_refused() -> None:
-    """A block without a free place is refused; the block is named."""
-    narrow = protocol("specimen_width_mm=44")
-    past = [begin(trial, finished=False) for trial in list_planned(narrow)[:3]]
+    again, *_ = list_left(narrow, [begin(trial, finished=trial.number != 2) for trial in trials[:3]])
+    assert (again.what.position_mm, again.what.number, again.repeats) == (15.0, 3, 2)
     with pytest.raises(InputError, match=r"specimen a has no room for another entry point"):
-        list_left(narrow, past)
+        list_left(narrow, [begin(trial, finished=False) for trial in trials[:3]])
 
 
 def test_a_random_order_is_of_the_seed_and_the_block() -> None:

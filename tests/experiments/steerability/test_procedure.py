@@ -16,7 +16,6 @@ from labrig.devices.operator import (
     PlaceSpecimen,
     ShiftToHole,
 )
-from labrig.errors import SafetyStopError
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.json_lines import read_lines
 from labrig.record.reader import Run
@@ -110,19 +109,6 @@ def test_what_was_asked_and_what_was_sent_are_both_recorded(swept: Swept) -> Non
     assert (first["asked_position_mm"], first["asked_speed_mm_s"]) == (40.0, 1.0)
     assert first["sent_rpm"] == round(first["sent_rpm"]) > 0
     assert first["sent_quadcounts"] == round(first["sent_quadcounts"]) > 0
-
-
-def test_an_operator_who_says_no_ends_the_run(tmp_path: Path) -> None:
-    """A declined request aborts the run before the needle moves, and is recorded."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as rig:
-        rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=PlaceSpecimen)
-        outcome, run = rig.conduct(protocol)
-    assert outcome.exit_status == "aborted"
-    assert isinstance(outcome.error, SafetyStopError)
-    answers = run.events[run.events["kind"] == "operator"]
-    assert not answers.iloc[-1]["confirmed"]
-    assert run.trials.empty
 
 
 def test_a_needle_left_in_tissue_is_asked_about_first(tmp_path: Path) -> None:

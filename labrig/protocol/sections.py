@@ -414,3 +414,12 @@ class NeedleProtocol(MovingProtocol):
         """Yield a sheath that is too narrow for the needle."""
         yield from super().conflicts()
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+
+
+class RollZeroSearch(NeedleProtocol):
+    """The keys of every protocol that may find the roll zero of its needle."""
+
+    insertion: Advance
+    """How fast the needle goes in and comes out."""
+    roll_zero: RollZeroSteps | None = None
+    """How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion."""

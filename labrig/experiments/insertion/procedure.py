@@ -63,7 +63,6 @@ from labrig.experiments.insertion.settings import (
     start_at,
 )
 from labrig.experiments.shared.needle_events import NeedleRole
-from labrig.experiments.shared.roll_zero_order import RollZeroOrder
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TrialRun
@@ -124,13 +123,9 @@ def _obtain_roll_zero(protocol: InsertionProtocol, session: Session, sight: Sigh
             "labrig run protocols/roll-zero.yaml finds it; or say how under roll_zero: in the protocol",
             reason="no_roll_zero",
         )
-    return find_roll_zero(
-        RollZeroOrder(
-            needle, protocol.sheath, protocol.insertion, protocol.roll_zero, protocol.planner.radius_mm
-        ),
-        session,
-        sight,
-    )
+    found = find_roll_zero(protocol, protocol.roll_zero, session, sight)
+    session.certify_roll_zero(found)
+    return found
 
 
 def _move_to_start(protocol: InsertionProtocol, session: Session) -> None:

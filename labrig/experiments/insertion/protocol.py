@@ -20,8 +20,7 @@ from labrig.protocol.sections import (
     Advance,
     Criterion,
     JudgedProtocol,
-    NeedleProtocol,
-    RollZeroSteps,
+    RollZeroSearch,
     TrackedSpecimen,
 )
 from labrig.protocol.specimen_file import TracksBySpecimen
@@ -155,7 +154,7 @@ class OutOfPlane(Model):
     measured with the roll zero and is compensated, that of the measurement counts instead [deg]."""
 
 
-class InsertionProtocol(JudgedProtocol, NeedleProtocol):
+class InsertionProtocol(JudgedProtocol, RollZeroSearch):
     """Section V-C of the paper: steer to a target between obstacles, with feedback from the camera."""
 
     pictures_decide_motion: ClassVar[bool] = True
@@ -188,8 +187,6 @@ class InsertionProtocol(JudgedProtocol, NeedleProtocol):
     out_of_plane: OutOfPlane = OutOfPlane()
     """What leads the needle out of the plane that the camera sees. The target is reached if the 95 % interval
     of the distance in space lies within the tolerance."""
-    roll_zero: RollZeroSteps | None = None
-    """How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion."""
 
     @field_validator("policy", mode="before")
     @classmethod

@@ -13,8 +13,7 @@ from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult, TorsionHoleResult, TorsionResult
-from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionHole
-from labrig.experiments.shared.roll_zero_order import explain_doubt
+from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionHole, explain_doubt
 from labrig.experiments.shared.torsion_bends import find_lengths, measure_bend
 from labrig.protocol.sections import Sheath
 from labrig.record.reader import Run

@@ -4,13 +4,12 @@ from typing import ClassVar, Literal
 
 from labrig.protocol.model import Line
 from labrig.protocol.sections import (
-    Advance,
-    NeedleProtocol,
+    RollZeroSearch,
     RollZeroSteps,
 )
 
 
-class RollZeroProtocol(NeedleProtocol):
+class RollZeroProtocol(RollZeroSearch):
     """Find the roll of the rotation axis that bends the needle towards -y, and certify it for the needle as clamped."""
 
     pictures_decide_motion: ClassVar[bool] = True
@@ -19,8 +18,6 @@ class RollZeroProtocol(NeedleProtocol):
     """Which experiment this file describes."""
     title: Line = "Roll zero"
     """Heading of the report."""
-    insertion: Advance
-    """How fast the needle goes in and comes out."""
     roll_zero: RollZeroSteps
     """How the zero is found."""
 

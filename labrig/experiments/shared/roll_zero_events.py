@@ -1,5 +1,6 @@
 """Events of finding the roll zero of a needle, in a run of its own or before an insertion."""
 
+import math
 from typing import ClassVar
 
 from labrig.experiments.shared.sheath_event import SheathEvent
@@ -56,3 +57,9 @@ class TorsionFound(Event):
 
     needle_id: str
     fit: TorsionFit
+
+
+def explain_doubt(what: str, sd_rad: float, most_deg: float) -> str | None:
+    """Return why a fitted angle is too uncertain to be kept; None if it is not."""
+    sd_deg = math.degrees(sd_rad)
+    return f"{what} is uncertain by {sd_deg:.1f} degrees, {most_deg:g} at most" if sd_deg > most_deg else None

@@ -10,45 +10,47 @@ from functools import partial
 
 from labrig.analysis.origin import lateral_offset_mm
 from labrig.analysis.result import TrialOrigin
-from labrig.analysis.sentinel import GridRole
 from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.errors import MeasurementRefusedError
-from labrig.experiments.shared.roll_zero_events import RollZeroFound, RollZeroRole, RollZeroSheath
-from labrig.experiments.shared.roll_zero_order import RollZeroOrder, explain_doubt
+from labrig.experiments.shared.roll_zero_events import (
+    RollZeroFound,
+    RollZeroRole,
+    RollZeroSheath,
+    explain_doubt,
+)
 from labrig.experiments.shared.torsion_measurement import measure_torsion
-from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
+from labrig.protocol.sections import RollZeroSearch, RollZeroSteps
+from labrig.runner.graph_paper import confirm_needle_out
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight
 from labrig.runner.withdrawal import find_speeds, withdraw
 from labrig.steering.roll_zero import fit_roll_zero
 
 
-def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> RollZero:
-    """Mount the needle, insert it at each roll, fit the cosine, and certify its peak in the rig's state.
+def find_roll_zero(
+    protocol: RollZeroSearch, steps: RollZeroSteps, session: Session, sight: Sight
+) -> RollZero:
+    """Mount the needle, insert it at each roll, fit the cosine, and return its peak, which the caller certifies.
 
     Raises
     ------
     MeasurementRefusedError
         When a sheath is out of place, a picture does not show the tip, the bend does not fit the needle,
         or the zero is too uncertain.
-    CalibrationRefusedError
-        When the camera was bumped during the search.
     """
-    steps = order.steps
     confirm_needle_out(session)
-    session.ask(MountNeedle(order.needle.needle_id))
+    session.ask(MountNeedle(protocol.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
     session.reference_axes()
-    before = photograph_grid(order.sentinel, GridRole.BEFORE, session)
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
     rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
-    strays_mm = [_measure_stray_mm(order, step, roll, sight, session) for step, roll in enumerate(rolls_rad)]
-    fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, order.radius_mm)
+    strays_mm = [_measure_stray_mm(protocol, steps, step, sight, session) for step in range(steps.rolls)]
+    fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, protocol.expected_radius_mm)
     session.record(
         RollZeroFound(
-            needle_id=order.needle.needle_id,
+            needle_id=protocol.needle.needle_id,
             roll_rad=tuple(rolls_rad),
             deflection_mm=tuple(strays_mm),
             fit=fit,
@@ -56,47 +58,42 @@ def find_roll_zero(order: RollZeroOrder, session: Session, sight: Sight) -> Roll
     )
     if doubt := explain_doubt("the roll zero", fit.sd_rad, steps.max_sd_deg):
         raise MeasurementRefusedError(doubt, "insert at more rolls or further, and look at the pictures")
-    torsion = (
-        None if steps.torsion is None else measure_torsion(order, steps.torsion, fit.zero_rad, sight, session)
-    )
-    after = photograph_grid(order.sentinel, GridRole.AFTER, session)
-    require_same_grid(before, after, order.sentinel, sight, session)
-    certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.run_name, torsion)
-    session.certify_roll_zero(certified)
-    return certified
+    torsion = measure_torsion(protocol, steps, fit.zero_rad, sight, session)
+    return RollZero(protocol.needle.needle_id, fit.zero_rad, fit.sd_rad, session.run_name, torsion)
 
 
 def _measure_stray_mm(
-    order: RollZeroOrder, step: int, roll_rad: float, sight: Sight, session: Session
+    protocol: RollZeroSearch, steps: RollZeroSteps, step: int, sight: Sight, session: Session
 ) -> float:
     """Insert at one roll into a fresh hole, withdraw, and return the lateral deflection of the tip [mm]."""
-    steps, advance, rotation = order.steps, order.advance, session.axis("rotation")
+    advance, rotation = protocol.insertion, session.axis("rotation")
+    roll_rad = 2 * math.pi * step / steps.rolls
     session.tell(f"roll zero, {step + 1} of {steps.rolls}")
     session.ask(ShiftToHole(steps.specimen.name, step, step * steps.hole_spacing_mm))
     if steps.torsion is not None:
         side = 1 if step % 2 else -1
         session.move("rotation", roll_rad - side * math.pi / 2, rotation.max_speed / 2)
     session.move("rotation", roll_rad, rotation.max_speed / 2)
-    session.move("linear", order.sheath.depth_mm, order.sheath.speed_mm_s)
-    origin = _find_sheath(order, step, sight, session)
+    session.move("linear", protocol.sheath.depth_mm, protocol.sheath.speed_mm_s)
+    origin = _find_sheath(protocol, step, sight, session)
     picture = None
     if origin is None or origin.accepted:
         session.move("insertion", steps.length_mm, advance.speed_mm_s)
         picture = session.take_picture(RollZeroRole.NEEDLE)
-    path = (AxisPositions(0.0, roll_rad, order.sheath.depth_mm),)
-    withdraw(session, path, find_speeds(session.description, advance, order.sheath))
+    path = (AxisPositions(0.0, roll_rad, protocol.sheath.depth_mm),)
+    withdraw(session, path, find_speeds(session.description, advance, protocol.sheath))
     if picture is None:
         reason = "" if origin is None else (origin.reason or "")
         raise MeasurementRefusedError(reason.rstrip("."), "look at sheath, clamp and camera")
-    find_bend = partial(sight.find_bend, picture, order.needle.diameter_mm, order.sheath.diameter_mm)
+    find_bend = partial(sight.find_bend, picture, protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
     return lateral_offset_mm(session.compute(find_bend), origin)
 
 
-def _find_sheath(order: RollZeroOrder, step: int, sight: Sight, session: Session) -> TrialOrigin | None:
+def _find_sheath(protocol: RollZeroSearch, step: int, sight: Sight, session: Session) -> TrialOrigin | None:
     """Find the sheath's pose before the needle leaves it; None if the protocol does not ask for it."""
-    if order.sheath.origin is None:
+    if protocol.sheath.origin is None:
         return None
     picture = session.take_picture(RollZeroRole.SHEATH)
-    origin = session.compute(partial(sight.find_sheath, picture, order.sheath, step))
+    origin = session.compute(partial(sight.find_sheath, picture, protocol.sheath, step))
     session.record(RollZeroSheath(origin=origin))
     return origin

@@ -13,10 +13,9 @@ from functools import partial
 from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.operator import ShiftToHole
 from labrig.errors import MeasurementRefusedError
-from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole
-from labrig.experiments.shared.roll_zero_order import RollZeroOrder, explain_doubt
+from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionFound, TorsionHole, explain_doubt
 from labrig.experiments.shared.torsion_bends import find_lengths, list_arcs_mm, measure_bend
-from labrig.protocol.sections import TorsionSteps
+from labrig.protocol.sections import RollZeroSearch, RollZeroSteps, TorsionSteps
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight, TakenPicture
 from labrig.runner.withdrawal import find_speeds, withdraw
@@ -28,24 +27,28 @@ _QUARTER_RAD = math.pi / 2
 
 
 def measure_torsion(
-    order: RollZeroOrder, steps: TorsionSteps, zero_rad: float, sight: Sight, session: Session
-) -> TorsionalLag:
-    """Insert the needle at each depth from both sides, fit the lag, and return it.
+    protocol: RollZeroSearch, steps: RollZeroSteps, zero_rad: float, sight: Sight, session: Session
+) -> TorsionalLag | None:
+    """Insert the needle at each depth from both sides, and return the fitted lag; None if it is not asked for.
 
     Raises
     ------
     MeasurementRefusedError
         When a picture does not show the needle, the bends do not fit it, or the lag is too uncertain.
     """
-    holes = [(depth_mm, direction) for depth_mm in steps.depths_mm for direction in DIRECTIONS]
+    if steps.torsion is None:
+        return None
+    holes = [(depth_mm, direction) for depth_mm in steps.torsion.depths_mm for direction in DIRECTIONS]
     bends = []
     for number, (depth_mm, direction) in enumerate(holes):
         session.tell(f"torsion, {number + 1} of {len(holes)}")
-        probe = _Probe(order, steps, zero_rad, session)
-        bends.append(_measure_hole(probe, order.steps.rolls + number, depth_mm, direction, sight))
-    fit = fit_torsion(bends, find_lengths(steps), order.radius_mm)
-    session.record(TorsionFound(needle_id=order.needle.needle_id, fit=fit))
-    if doubt := explain_doubt("the torsional lag", fit.sd_rad, steps.max_sd_deg):
+        hole = steps.rolls + number
+        session.ask(ShiftToHole(steps.specimen.name, hole, hole * steps.hole_spacing_mm))
+        probe = _Probe(protocol, steps.torsion, zero_rad, session)
+        bends.append(_measure_hole(probe, hole, depth_mm, direction, sight))
+    fit = fit_torsion(bends, find_lengths(steps.torsion), protocol.expected_radius_mm)
+    session.record(TorsionFound(needle_id=protocol.needle.needle_id, fit=fit))
+    if doubt := explain_doubt("the torsional lag", fit.sd_rad, steps.torsion.max_sd_deg):
         raise MeasurementRefusedError(
             doubt, "measure at more depths or go on further, and look at the pictures"
         )
@@ -54,10 +57,9 @@ def measure_torsion(
 
 def _measure_hole(probe: "_Probe", hole: int, depth_mm: float, direction: int, sight: Sight) -> TorsionBend:
     """Insert into a fresh hole, withdraw, and return the deflections before and after the turn."""
-    order, session = probe.order, probe.session
-    session.ask(ShiftToHole(order.steps.specimen.name, hole, hole * order.steps.hole_spacing_mm))
+    protocol, session = probe.protocol, probe.session
     turn, end = probe.insert(depth_mm, direction)
-    withdraw(session, probe.path, find_speeds(session.description, order.advance, order.sheath))
+    withdraw(session, probe.path, find_speeds(session.description, protocol.insertion, protocol.sheath))
     made = TorsionHole(
         hole=hole,
         depth_mm=depth_mm,
@@ -67,7 +69,9 @@ def _measure_hole(probe: "_Probe", hole: int, depth_mm: float, direction: int, s
     )
     session.record(made)
     shafts = [
-        session.compute(partial(sight.measure_end, taken, order.needle.diameter_mm, order.sheath.diameter_mm))
+        session.compute(
+            partial(sight.measure_end, taken, protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
+        )
         for taken in (turn, end)
     ]
     return measure_bend(made, *shafts)
@@ -77,7 +81,7 @@ def _measure_hole(probe: "_Probe", hole: int, depth_mm: float, direction: int, s
 class _Probe:
     """One insertion for the torsion, and its path so far."""
 
-    order: RollZeroOrder
+    protocol: RollZeroSearch
     steps: TorsionSteps
     zero_rad: float
     session: Session
@@ -88,7 +92,7 @@ class _Probe:
         """Insert to a depth, turn to 90 degrees in a direction, go on, and return the pictures at turn and end."""
         arcs_mm = list_arcs_mm(depth_mm)
         self._turn(self._fit_in(0.0 if len(arcs_mm) % 2 else math.pi))
-        self.session.move("linear", self.order.sheath.depth_mm, self.order.sheath.speed_mm_s)
+        self.session.move("linear", self.protocol.sheath.depth_mm, self.protocol.sheath.speed_mm_s)
         rolled: list[RolledStretch] = []
         for number, arc_mm in enumerate(arcs_mm):
             turned = 0
@@ -109,7 +113,12 @@ class _Probe:
         """Turn the bevel by half a turn so that the needle stays near the plane, and return the direction."""
         turns = [TurnAhead(math.pi, arc_mm) for arc_mm in arcs_mm]
         turn = choose_turn(
-            rolled, self.base_rad, turns, TorsionalLag(), self._limits, radius_mm=self.order.radius_mm
+            rolled,
+            self.base_rad,
+            turns,
+            TorsionalLag(),
+            self._limits,
+            radius_mm=self.protocol.expected_radius_mm,
         )
         self._turn(turn.to_rad)
         return turn.direction
@@ -123,7 +132,7 @@ class _Probe:
         self.path.append(self.session.read_positions())
 
     def _advance(self, to_mm: float) -> None:
-        self.session.move("insertion", to_mm, self.order.advance.speed_mm_s)
+        self.session.move("insertion", to_mm, self.protocol.insertion.speed_mm_s)
         self.path.append(self.session.read_positions())
 
     def _fit_in(self, base_rad: float) -> float:

@@ -27,7 +27,6 @@ class JpegSize:
 
 THUMBNAIL = JpegSize(640, 70)
 PLATE = JpegSize(840, 75)
-VIEW = JpegSize(1280, 85)
 
 
 @dataclass(frozen=True)

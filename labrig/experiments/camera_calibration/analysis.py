@@ -17,7 +17,7 @@ from labrig.errors import (
 )
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import SCALE_HINT, CameraCalibrationProtocol, GraphPaper
-from labrig.experiments.camera_calibration.result import CalibrationResult, CalibrationSettings
+from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.reader import Run
 from labrig.vision.calibrate_lens import calibrate_from_pictures, find_board
@@ -48,7 +48,7 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
         reasons += (f"{refusal.message}: {refusal.hint}" if refusal.hint else refusal.message,)
     stamp = request.stamp
     content = CalibrationResult(
-        **stamp.list_members(CalibrationSettings(board=protocol.board, plane=protocol.plane)),
+        **stamp.list_members({"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}),
         accepted=lens is not None and lens.accepted and plane is not None and plane.accepted,
         reasons=reasons,
         intrinsics=None if lens is None else lens.to_json(),

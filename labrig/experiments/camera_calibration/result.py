@@ -4,15 +4,6 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from labrig.analysis.result import Point, Result, Summary
-from labrig.experiments.camera_calibration.protocol import Board, GraphPaper
-from labrig.protocol.model import Model
-
-
-class CalibrationSettings(Model):
-    """What was photographed."""
-
-    board: Board
-    plane: GraphPaper
 
 
 class CalibrationResult(Result):
@@ -23,7 +14,6 @@ class CalibrationResult(Result):
     """
 
     kind: Literal["calibration"] = "calibration"
-    settings: CalibrationSettings
     accepted: bool
     reasons: tuple[str, ...]
     intrinsics: dict[str, Any] | None

@@ -17,7 +17,6 @@ from labrig.experiments.shared.curvature_result import (
 )
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import (
-    draw_camera_view,
     draw_picture,
 )
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
@@ -25,8 +24,6 @@ from labrig.record.reader import Run
 from labrig.report.figures import Design, GelSeries, draw_steerability_figure
 from labrig.report.page import Page
 from labrig.report.palette import mark
-from labrig.report.pictures import Plate
-from labrig.vision.plane import PlaneMap
 
 TEMPLATE = Path(__file__).with_name("curvature.html.jinja")
 
@@ -62,7 +59,6 @@ def make_curvature_page(
             },
             "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
             "figure": _draw_figure(design, [series for _, series in gels], _list_accepted(content)),
-            "view": _draw_last_picture(run, content, lines, plane),
             "groups": [
                 *(
                     (gel, series, [sheet for sheet in sheets if _is_in(sheet[0], gel)])
@@ -121,21 +117,3 @@ def _draw_figure(
     bends = [measurement.bend for measurement in accepted]
     towards = replace(design, side=1 if bends.count("+y") > bends.count("-y") else -1)
     return draw_steerability_figure(gels, towards, "paths")
-
-
-def _draw_last_picture(
-    run: Run, content: CurvatureResult, lines: CentreLines, plane: PlaneMap
-) -> Plate | None:
-    """Return the view of the last accepted final picture of the first gel, which also shows the older tracks."""
-    first = content.specimens[0].name if content.specimens else None
-    accepted = _list_accepted(content)
-    candidates = [picture for picture in accepted if picture.specimen == first] or [
-        picture for picture in content.measurements if picture.accepted
-    ]
-    if not candidates:
-        return None
-    shown = candidates[-1]
-    commanded_mm = next(
-        (origin.expected_mm for origin in content.origins if origin.trial == shown.trial), None
-    )
-    return draw_camera_view(run, shown, lines, plane, commanded_mm)

@@ -11,8 +11,6 @@ from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.record.reader import Run
 from labrig.report.pictures import (
     THUMBNAIL,
-    VIEW,
-    JpegSize,
     Plate,
     circle,
     photograph,
@@ -32,43 +30,19 @@ _DIRECTION_MM = 30.0
 _ARROW = np.array([(0.0, 0.0), (0.0, 1.0), (0.08, 0.85), (0.0, 1.0), (-0.08, 0.85)])
 
 
-def draw_picture(
-    run: Run, result: PictureResult, lines: CentreLines, plane: PlaneMap, size: JpegSize = THUMBNAIL
-) -> Plate | None:
-    """Return a picture with shaft, circle, tip and origin; None if the picture cannot be read."""
-    plate = photograph(run, result.frame, size)
+def draw_picture(run: Run, result: PictureResult, lines: CentreLines, plane: PlaneMap) -> Plate | None:
+    """Return a picture with shaft, circle, tip, origin, the plane's axes and a scale; None if it cannot be read."""
+    plate = photograph(run, result.frame, THUMBNAIL)
     if plate is None:
         return None
-    drawn = _list_lines(result, lines, plane, plate)
-    return replace(plate, lines=tuple((name, polyline(px)) for name, px in drawn))
-
-
-def draw_camera_view(
-    run: Run,
-    result: PictureResult,
-    lines: CentreLines,
-    plane: PlaneMap,
-    commanded_mm: tuple[float, float] | None = None,
-) -> Plate | None:
-    """Return figure 7c: a picture with the axes of the steering plane and a scale bar; None if it cannot be read.
-
-    The axes start at the commanded position of the sheath's tip or, if that is not known, at its tip.
-    """
-    plate = draw_picture(run, result, lines, plane, VIEW)
-    if plate is None or result.sheath_tip_mm is None:
-        return None
-    origin_mm = np.asarray(result.sheath_tip_mm if commanded_mm is None else commanded_mm)
-    bar = scale_bar((plate.width, plate.height), plane)
-    axes = {"z": bar[0] * _ARROW, "y": bar[0] * _ARROW[:, ::-1]}
-    sheath_mm = np.asarray(result.sheath_tip_mm) - (0.0, 0.9 * bar[0])
-    words = {name: origin_mm + 1.25 * arrow[1] for name, arrow in axes.items()} | {"sheath": sheath_mm}
+    bar, start_mm = scale_bar((plate.width, plate.height), plane), result.origin_mm or result.sheath_tip_mm
+    arrows = {} if start_mm is None else {"z": bar[0] * _ARROW, "y": bar[0] * _ARROW[:, ::-1]}
+    axes_px = {name: plane.to_px(np.asarray(start_mm) + arrow_mm) for name, arrow_mm in arrows.items()}
+    drawn = [*_list_lines(result, lines, plane, plate), *(("axis", px) for px in axes_px.values())]
     return replace(
         plate,
-        lines=(
-            *plate.lines,
-            *(("axis", polyline(plane.to_px(origin_mm + arrow_mm))) for arrow_mm in axes.values()),
-        ),
-        words=tuple((name, pixel(plane.to_px([place_mm])[0])) for name, place_mm in words.items()),
+        lines=tuple((name, polyline(px)) for name, px in drawn),
+        words=tuple((name, pixel(px[0] + 1.25 * (px[1] - px[0]))) for name, px in axes_px.items()),
         bar=bar,
     )
 

@@ -116,7 +116,8 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
     assert len(events(run, "roll_zero_sheath")) == 4
-    (fit,) = events(run, "roll_zero")
+    (found,) = events(run, "roll_zero")
+    fit = found["fit"]
     assert abs(math.degrees(fit["zero_rad"])) < 2.0
     assert fit["residual_rms_mm"] < 0.1
     result = analyse(run)

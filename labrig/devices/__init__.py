@@ -6,11 +6,11 @@ What is decided here
   and so does `replayed.rig.ReplayedRig`, which answers what the rig of a record answered.
 - The rig file says whether a rig is real or simulated, and only `hardware.make_hardware` asks. The seam is at the
   wire: a simulated drive is a CANopen node on a bus inside the process, driven by the driver of real drives.
-- A section of the rig file opens what it describes: `AxisDescription` a `Drive`, `CameraDescription` a `PictureSource`.
-  Entry points of the groups `labrig.drives` and `labrig.cameras` name the classes. CiA 402 drives have one driver
-  (`drives/cia402`); a product is an EDS file and a `Model` (`drives/epos2`, `drives/generic`).
-- Positions are mm or rad above `Drive` and counts of the motor below; speeds are rounded to the drive's integers, and
-  the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
+- A section of the rig file opens what it describes: `AxisDescription` a drive, `CameraDescription` a `PictureSource`.
+  Entry points of the groups `labrig.drives` and `labrig.cameras` name the classes. There is one driver, of CiA 402
+  drives (`drives/cia402`); a product is an EDS file and a `Model` (`drives/epos2`, `drives/generic`).
+- Positions are mm or rad above the driver and counts of the motor below; speeds are rounded to the drive's integers,
+  and the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
 - A move is done when the drive says so and the position that it reads stands within the window.
 - An axis without a reference does not move, and no axis is referenced while a needle is in tissue or may be;
   the state file remembers that across crashes. Nothing but `Rig.enable` switches power on: a run has its record by
@@ -21,8 +21,8 @@ What is decided here
 - After any failure every axis is stopped, and standstill is read back; a halt goes to all axes before any answer is
   awaited. A table in the tests has the outcome of each fault. A closed rig has its power stages off.
 - Every position that is read is judged against the move that was started, and axes that nobody reads are read while
-  the rig waits or asks; targets are read back in turn. This stands above `Drive`, and so does the watch on the bus for
-  another master.
+  the rig waits or asks; targets are read back in turn. This stands above the driver, and so does the watch on the bus
+  for another master.
 - What is watched, how often, and what comes of it stands in `supervisor`. Motor current and inputs come with every
   state: a stall is judged from current and following error (`stall`), an input by its limits (`input_channel`).
 - The lower one of the limits of rig file, protocol and command bounds a current (`opening`); the drive has its own

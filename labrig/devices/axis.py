@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.drives.drive import Drive, DriveReading, Homing, Setpoint
+from labrig.devices.drives.cia402 import Cia402Drive
+from labrig.devices.drives.drive import DriveReading, Homing, Setpoint
 from labrig.devices.position_supervision import (
     AT_REST,
     Expected,
@@ -32,7 +33,7 @@ class Axis:
         insertion, rotation or linear.
     description : AxisDescription
         Its section of the rig file; complete.
-    drive : Drive
+    drive : Cia402Drive
         Its drive.
     clock : Clock
         Rig time, which bounds moves.
@@ -47,7 +48,7 @@ class Axis:
         Target that was last sent [mm or rad]; None if it is not known.
     """
 
-    def __init__(self, name: str, description: AxisDescription, drive: Drive, clock: Clock) -> None:
+    def __init__(self, name: str, description: AxisDescription, drive: Cia402Drive, clock: Clock) -> None:
         self.name = name
         self.unit = description.unit
         self.limits = description.limits
@@ -165,7 +166,7 @@ class Axis:
         self._due_s = self.expected.profile.end_s + self._window_s + _MOVE_MARGIN_S
 
     def read(self, since_s: float | None = None) -> DriveReading:
-        """Read statusword and position, as `Drive.read`.
+        """Read statusword and position, as `Cia402Drive.read`.
 
         `target_reached` means that the last move is done: the drive says so, and the position that was read
         is within the window around the target.

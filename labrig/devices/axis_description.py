@@ -1,16 +1,14 @@
 """What the rig file says of an axis whatever drives it; each kind of drive adds its own keys."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr
 
-from labrig.clock import Clock
-from labrig.devices.bus import CanLink
 from labrig.devices.can_description import NodeId
-from labrig.devices.check_result import CheckResult
-from labrig.devices.drives.drive import Drive, Homing
+from labrig.devices.drives.drive import HOMING_HERE, Homing
+from labrig.devices.drives.model import Model as DriveModel
 from labrig.devices.input_channel import ChannelName, InputChannel
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
@@ -24,10 +22,18 @@ DEFAULT_DRIVER = "epos2"
 """Driver of an axis section without the key `driver`."""
 
 _A_SCREW: Mapping[str, object] = {
-    "unit": "mm", "gear_ratio": 1.0, "lead_mm": 1.0, "limits": (-100.0, 100.0), "max_speed": 20.0,
-    "acceleration": 50.0, "quick_stop_deceleration": 200.0, "position_window": 0.01, "max_following_error": 1.0,
+    "unit": "mm", "counts_per_turn": 2000.0, "gear_ratio": 1.0, "lead_mm": 1.0, "limits": (-100.0, 100.0),
+    "max_speed": 20.0, "acceleration": 50.0, "quick_stop_deceleration": 200.0,
+    "position_window": 0.01, "max_following_error": 1.0,
 }  # fmt: skip
 """An axis without a gear."""
+
+WHERE_TO_FIND = {
+    "counts_per_turn": "counts of 0x6064 per turn of the motor: four per encoder line, unless the drive scales",
+    "gear_ratio": "turns of the motor a turn of the screw or shaft: plate of the gearhead; 1 without one",
+    "lead_mm": "travel a turn of the screw: its data sheet, or ten turns measured and divided by ten",
+}
+"""Keys without which nothing can be converted, null where nobody has entered them yet -> where each is found."""
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -35,20 +41,17 @@ Positive = Annotated[float, Field(gt=0)]
 class AxisDescription(Model):
     """One axis: its drive, its mechanics and its limits. Lengths are mm, or rad where `unit` is rad.
 
-    A kind of drive derives its section from this: its name as the type and default of `driver`, keys of its own, the
-    methods that say so here, and what the class attributes tell. An entry point of the group `labrig.drives` names the
-    class.
+    A product derives its section from this: its name as the type and default of `driver`, keys of its own, `model`, and
+    what the class attributes tell. An entry point of the group `labrig.drives` names the class.
 
     Attributes
     ----------
     homing_directions : mapping of int to int
         Homing methods that this drive has -> sign of the motor's speed in the search, 0 where nothing moves.
-    needed : tuple of str
-        Keys without which nothing can be converted; null where nobody has entered them yet.
-    where_to_find : mapping of str to str
-        Where each of them is found.
     digital_inputs : mapping of str to int
         Digital inputs of the drive by name -> its bit in the word that holds them.
+    analog_inputs : tuple of str
+        Names of the analog inputs that the drive may have.
     factory_settings : mapping of str to object
         Keys of its own as they are for a drive that comes from its maker.
     interface : int
@@ -57,13 +60,9 @@ class AxisDescription(Model):
 
     interface: ClassVar[int] = INTERFACE
     factory_settings: ClassVar[Mapping[str, object]] = {}
-    homing_directions: ClassVar[Mapping[int, int]] = {}
-    needed: ClassVar[tuple[str, ...]] = ("gear_ratio", "lead_mm")
-    where_to_find: ClassVar[Mapping[str, str]] = {
-        "gear_ratio": "turns of the motor a turn of the screw or shaft: plate of the gearhead; 1 without one",
-        "lead_mm": "travel a turn of the screw: its data sheet, or ten turns measured and divided by ten",
-    }
+    homing_directions: ClassVar[Mapping[int, int]] = {HOMING_HERE: 0, 1: -1, 2: +1, 17: -1, 18: +1}
     digital_inputs: ClassVar[Mapping[str, int]] = {}
+    analog_inputs: ClassVar[tuple[str, ...]] = ("analog-1", "analog-2")
 
     driver: str
     """Kind of drive."""
@@ -71,6 +70,8 @@ class AxisDescription(Model):
     """CANopen node id of the drive, as set by its switches."""
     unit: Literal["mm", "rad"]
     """mm for an axis that travels, rad for one that turns."""
+    counts_per_turn: Positive | None
+    """Counts of the position (0x6064) per turn of the motor, four for each line of an encoder. null: unknown [-]."""
     gear_ratio: Annotated[float, Field(gt=0, le=10_000)] | None
     """Turns of the motor a turn of the screw or shaft. null: unknown [-]."""
     lead_mm: Annotated[float, Field(gt=0, le=1000)] | None
@@ -120,14 +121,10 @@ class AxisDescription(Model):
         """Return a section for a drive with factory settings, on a screw without a gear."""
         return cls.model_validate({**_A_SCREW, **cls.factory_settings, "node_id": node_id})
 
-    # What each kind of drive has of its own
+    # What each product has of its own
 
-    def open(self, link: CanLink, axis: str, clock: Clock) -> Drive:
-        """Return the drive of the axis of this name; the section may be incomplete."""
-        raise NotImplementedError
-
-    def check(self, link: CanLink, axis: str, clock: Clock) -> Iterable[CheckResult]:
-        """Yield results of `labrig devices check`; nothing is written, and no `LabrigError` raised."""
+    def model(self) -> DriveModel:
+        """Return what is known of the drive. Raises `InputError` if its EDS file cannot be read."""
         raise NotImplementedError
 
     @property
@@ -135,30 +132,23 @@ class AxisDescription(Model):
         """The files beside the rig file that this section names, by its keys; every run keeps a copy of each."""
         return {}
 
-    def problems(self) -> Iterator[Conflict]:
-        """Yield what is wrong with files that this section names, or with its settings for such a drive."""
-        yield from ()
-
     @property
     def speed_unit(self) -> str:
         """What the drive takes speeds in."""
         return "rpm of the motor"
 
     @property
-    def analog_inputs(self) -> tuple[str, ...]:
-        """Names of the analog inputs that the drive has."""
-        return ()
-
-    @property
     def unknown(self) -> tuple[str, ...]:
         """Names of the entries that are unknown."""
         turns = self.unit == "rad"
         return tuple(
-            name for name in self.needed if getattr(self, name) is None and not (turns and name == "lead_mm")
+            name
+            for name in WHERE_TO_FIND
+            if getattr(self, name) is None and not (turns and name == "lead_mm")
         )
 
     def scale(self) -> AxisScale:
-        """Return the conversion to the units of the drive.
+        """Return the conversion to the units of the drive: counts and rpm, unless a product has others.
 
         Raises
         ------
@@ -166,17 +156,13 @@ class AxisDescription(Model):
             When an entry that it needs is unknown.
         """
         travel = self.lead_mm if self.unit == "mm" else TURN_RAD
-        if self.unknown or self.gear_ratio is None or travel is None:
+        if self.counts_per_turn is None or self.gear_ratio is None or travel is None:
             raise InputError(f"unknown: {', '.join(self.unknown)}", "enter them in the rig file")
-        return self.scale_of(self.gear_ratio, travel)
+        return AxisScale(self.counts_per_turn, self.gear_ratio, travel, self.reversed)
 
-    def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
-        """Return the conversion for known mechanics; each kind of drive has its own."""
-        raise NotImplementedError
-
-    def homing_current_ma(self, method: int) -> int | None:  # noqa: ARG002 - for those that feel their stop
+    def homing_current_ma(self, method: int) -> int | None:
         """Return the current by which a method feels its stop [mA]; None for one that does not."""
-        return None
+        return self.homing.current_threshold_ma if method < 0 else None
 
     def homing_direction(self, method: int) -> int:
         """Return which way the axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
@@ -235,6 +221,10 @@ class AxisDescription(Model):
             )
         if self.unit == "rad" and self.lead_mm is not None:
             yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
+        if self.homing.method not in self.homing_directions:
+            methods = ", ".join(map(str, self.homing_directions))
+            message = f"{self.homing.method} is no homing method of this drive"
+            yield Conflict("homing.method", message, f"it has {methods}")
         for name, channel in self.inputs.items():
             if channel.source not in known:
                 hint = f"it has {', '.join(known) or 'none that labrig knows'}"

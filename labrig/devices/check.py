@@ -15,6 +15,7 @@ from labrig.devices.camera import Camera, require_calibrated_camera
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed, passed, warned
 from labrig.devices.clocks import SystemClock
+from labrig.devices.drives.check import check_axis
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.needle_state import load_state
@@ -71,7 +72,7 @@ def check_bus(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iter
     stack.callback(link.close)
     yield _listen(rig, link, hardware.clock, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
-        yield from axis.check(link, name, hardware.clock)
+        yield from check_axis(link, axis, name, hardware.clock)
 
 
 def _listen(rig: RigDescription, link: CanLink, clock: Clock, bus: str) -> CheckResult:

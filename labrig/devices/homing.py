@@ -9,10 +9,8 @@ from the gel. With a needle in tissue nothing is homed.
 from collections.abc import Collection
 
 from labrig.devices.axis_description import AxisDescription
+from labrig.devices.drives.drive import HOMING_HERE
 from labrig.errors import LimitError, SafetyStopError
-
-HOMING_HERE = 35
-"""Method that makes the present position home, whatever its number in the drive; nothing moves."""
 
 HOME_ORDER = ("linear", "insertion", "rotation")
 """In which order axes are homed."""

@@ -14,6 +14,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, PictureSource, close_source
 from labrig.devices.clocks import MAX_STEP_S
+from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.drive import HERE, DriveReading, Homing, Identity, Setpoint, try_all, wait_for_all
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
@@ -114,7 +115,7 @@ class Rig:
 
     def _open_axes(self, link: CanLink) -> dict[str, Axis]:
         return {
-            name: Axis(name, axis, axis.open(link, name, self._heartbeat), self._heartbeat)
+            name: Axis(name, axis, Cia402Drive(link, axis, name, self._heartbeat), self._heartbeat)
             for name, axis in self.description.axes.items()
             if name in self._opening.axes
         }

@@ -11,10 +11,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, PrivateAttr
 
-from labrig.devices.axis_description import AXES, DEFAULT_DRIVER, AxisDescription
+from labrig.devices.axis_description import AXES, DEFAULT_DRIVER, WHERE_TO_FIND, AxisDescription
 from labrig.devices.camera import CameraDescription, RigKind
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.driver_section import DriverSection
+from labrig.devices.drives.settings import find_conflicts
 from labrig.devices.fault_script import FaultDescription
 from labrig.errors import InputError, Problem
 from labrig.plugins import CAMERAS, DRIVES, Plugin, find_plugin
@@ -294,8 +295,8 @@ def find_problems(rig: RigDescription, axes: Collection[str] = AXES) -> tuple[Pr
         for name, axis in rig.axes.items()
         if name in axes
         for found in (
-            *(Conflict(key, "unknown", f"enter it: {axis.where_to_find[key]}") for key in axis.unknown),
-            *axis.problems(),
+            *(Conflict(key, "unknown", f"enter it: {WHERE_TO_FIND[key]}") for key in axis.unknown),
+            *find_conflicts(axis),
         )
     )
 

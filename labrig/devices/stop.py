@@ -21,6 +21,7 @@ from labrig.devices.bus import CanLink, open_can
 from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
 from labrig.devices.clocks import SystemClock
 from labrig.devices.driver_section import find_section
+from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.drive import try_all, wait_for_all
 from labrig.devices.exclusive import find_owner
 from labrig.errors import BusError, FileFormatError, InputError, SafetyStopError
@@ -141,7 +142,7 @@ def stop_drives(target: StopTarget, link: CanLink, clock: Clock) -> tuple[str, .
     Every drive is told to stop before any answer is awaited. Each gets a quick stop and is watched until it stands
     still; then NMT stop goes to all. Raises as `stop_rig`.
     """
-    drives = [section.open(link, name, clock) for name, section in target.sections.items()]
+    drives = [Cia402Drive(link, section, name, clock) for name, section in target.sections.items()]
     done = [f"opened {target.can.interface} {target.can.channel} directly".replace("  ", " ")]
     missing = [name for name in AXES if name not in target.sections]
     failures = [f"the node of axis {name} is not known" for name in missing]

@@ -128,7 +128,7 @@ class Supervisor:
     def _look(self) -> None:
         """Read the axes that nobody has read of late, and look for stalls."""
         if self._heartbeat.now_s() - self.last_s >= LOOK_S:
-            self.read(at_sync=False)
+            self.read(go_on=False)
         for stall in self._stalls.values():
             stall.look(self._heartbeat.now_s())
 
@@ -137,19 +137,17 @@ class Supervisor:
         """How often the axes in motion have to be looked at [s]."""
         return min((stall.period_s for stall in self._stalls.values()), default=math.inf)
 
-    def read(self, *, at_sync: bool = True) -> dict[str, DriveReading]:
-        """Read every axis and judge what is read; `at_sync` reads all at one instant, that of a SYNC.
+    def read(self, *, go_on: bool = True) -> dict[str, DriveReading]:
+        """Read every axis at one instant, that of a SYNC, and judge what is read; by `go_on` a move may turn round.
 
         Raises
         ------
         DriveStrayedError, ForceGuardError, DriveError, BusError
         """
         self.last_s = self._heartbeat.now_s()  # before the SYNC: a busy computer may be held up later
-        if at_sync:
-            self._watch.link.send(_SYNC, b"")
+        self._watch.link.send(_SYNC, b"")
         states = {
-            name: axis.read(self.last_s) if at_sync else axis.drive.read()
-            for name, axis in self._axes.items()
+            name: (axis if go_on else axis.drive).read(self.last_s) for name, axis in self._axes.items()
         }
         until_s = self._heartbeat.now_s()
         readings = {

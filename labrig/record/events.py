@@ -137,16 +137,11 @@ class OperatorQuestion(Event):
 
 
 class Move(Event):
-    """A move of an axis: as asked for [mm or rad, per s], as sent, and the sent values in the units of the axis.
-
-    The sent values are in quadcounts and rpm if the drive has these, else in counts and speed units of the drive.
-    """
+    """A move of an axis: as asked for [mm or rad, per s], as sent, and the sent values in the units of the axis."""
 
     axis: str
     asked_position: float
     asked_speed: float
-    sent_quadcounts: int | None = None
-    sent_rpm: int | None = None
     sent_counts: int | None = None
     sent_speed_units: int | None = None
     position: float

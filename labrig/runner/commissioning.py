@@ -7,7 +7,8 @@ stop and confirms each motion before it begins.
 import math
 
 from labrig.devices.check_result import CheckResult, passed
-from labrig.devices.homing import HOME_ORDER, HOMING_HERE, ZEROS
+from labrig.devices.drives.drive import HOMING_HERE
+from labrig.devices.homing import HOME_ORDER, ZEROS
 from labrig.devices.operator import (
     ConfirmHere,
     ConfirmMotion,

@@ -572,7 +572,7 @@ class Session:
             self.rig.needle.mark_in_tissue(self.run_name)
         self.dialogue.calls += 1
         setpoint = self.rig.start_move(axis_name, position, speed)
-        self.record(Move(axis=axis_name, **setpoint.document()))
+        self.record(Move(axis=axis_name, **asdict(setpoint)))
 
     def record_next_states(
         self, axis_name: str | None = None, passing: float | None = None

@@ -62,7 +62,7 @@ class _Axis:
         rate = self.description.acceleration
         limits = Limits(sent_speed, rate, rate)
         self.motion = make_move_profile(now_s, here, velocity, target + self._zero, limits)
-        return Setpoint(position, speed, {}, target, sent_speed)
+        return Setpoint(position, speed, target, sent_speed)
 
     def stop(self, now_s: float) -> float:
         """Brake, and return when it stands still [s]."""

@@ -25,7 +25,7 @@ from tests.cli.conftest import ROOT, SWEEP, Labrig, sweep_command
 from tests.devices.served import Served, served_drives
 
 _KNOWN = {
-    "encoder_pulses_per_turn: null": "encoder_pulses_per_turn: 500",
+    "counts_per_turn: null": "counts_per_turn: 2000",
     "gear_ratio: null": "gear_ratio: 4",
     "lead_mm: null              # travel": "lead_mm: 2 # travel",
     "lead_mm: null              # screw": "lead_mm: 5 # screw",

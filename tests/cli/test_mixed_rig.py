@@ -84,7 +84,7 @@ def test_a_sweep_on_two_kinds_of_drives_replays(labrig: Labrig, mixed: MixedRig,
         for move in moves
         if "sent_" in str(move)
     }
-    assert sent["insertion"] == {"sent_quadcounts", "sent_rpm"}
+    assert sent["insertion"] == {"sent_counts", "sent_speed_units"}
     assert sent.get("rotation", {"sent_counts", "sent_speed_units"}) == {"sent_counts", "sent_speed_units"}
     shutil.rmtree(mixed.path.parent)
     replayed = labrig("replay", run, "--json")

@@ -10,7 +10,7 @@ from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.supervisor import Interrupted
 from tests.devices.rigs import BENCH, Person, Signal
 
-SCREW = ("encoder_pulses_per_turn=500", "gear_ratio=4", "limits=[-2, 120]", "acceleration=50")
+SCREW = ("counts_per_turn=2000", "gear_ratio=4", "limits=[-2, 120]", "acceleration=50")
 PATIENT = ("can.answer_timeout_ms=5000", "can.heartbeat.timeout_ms=10000")
 """For tests that say nothing of time: nothing fails on a machine that is busy with something else."""
 

@@ -3,7 +3,6 @@
 from labrig.devices.drives.objects import Place
 
 CONFIGURATION = (Place(0x1020, 1), Place(0x1020, 2))
-HARDWARE_VERSION = Place(0x2003, 2)
 INPUT_STATE, INPUT_MASK, LIMIT_EXECUTION_MASK = Place(0x2071, 1), Place(0x2071, 2), Place(0x2071, 4)
 HOME_POSITION = Place(0x2081)
 FOLLOWING_ERROR_ACTUAL = Place(0x20F4)

@@ -146,6 +146,22 @@ def _at_the_next_question(outcome: FaultOutcome) -> dict[Phase, FaultOutcome]:
     }
 
 
+EMERGENCIES = {
+    "generic": (0x1000, "generic error"),
+    "over-current": (0x2310, "over-current"),
+    "over-voltage": (0x3210, "over-voltage"),
+    "under-voltage": (0x3220, "under-voltage"),
+    "over-temperature": (0x4210, "over-temperature"),
+    "logic supply": (0x5113, "logic supply"),
+    "software": (0x6100, "internal software error"),
+    "position sensor": (0x7320, "position sensor"),
+    "CAN overrun": (0x8110, "CAN overrun"),
+    "CAN passive": (0x8120, "CAN passive"),
+    "PDO length": (0x8210, "CAN PDO of a wrong length"),
+    "Hall sensor": (0xFF01, "Hall sensor error"),
+}
+"""Error of the drive -> its code, and what the reason says of it."""
+
 FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     # Survived and counted
     "one frame duplicated": SURVIVED,
@@ -163,18 +179,7 @@ FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     ),
     "node-id clash": _RESTARTED,
     # What the drive reports
-    "EMCY generic": _emergency(0x1000, "generic error"),
-    "EMCY over-current": _emergency(0x2310, "over-current"),
-    "EMCY over-voltage": _emergency(0x3210, "over-voltage"),
-    "EMCY under-voltage": _emergency(0x3220, "under-voltage"),
-    "EMCY over-temperature": _emergency(0x4210, "over-temperature"),
-    "EMCY logic supply": _emergency(0x5113, "logic supply"),
-    "EMCY software": _emergency(0x6100, "internal software error"),
-    "EMCY position sensor": _emergency(0x7320, "position sensor"),
-    "EMCY CAN overrun": _emergency(0x8110, "CAN overrun"),
-    "EMCY CAN passive": _emergency(0x8120, "CAN passive"),
-    "EMCY PDO length": _emergency(0x8210, "CAN PDO of a wrong length"),
-    "EMCY Hall sensor": _emergency(0xFF01, "Hall sensor error"),
+    **{f"EMCY {name}": _emergency(code, words) for name, (code, words) in EMERGENCIES.items()},
     "following error": {
         # It is found out once the axis is to move.
         Phase.IDLE: replace(_emergency(0x8611, "following error"), found_in_tissue=True),
@@ -280,9 +285,9 @@ TOLD_WITHIN_S = 1.0
 
 REFUSED_AT_CONNECT = {
     "node-id clash": "two nodes answer as node",
-    "wrong encoder resolution": "encoder_pulses_per_turn 1000 (0x2210:01), the rig file says 500",
+    "wrong encoder resolution": "counts_per_turn 4000 (0x2210:01), the rig file says 2000",
     "wrong vendor": "is no EPOS2 that labrig knows: profile 402, vendor 0x",
-    "unknown hardware": "vendor 0xFB, hardware version 0x6552",
+    "unknown hardware": "vendor 0xFB, product code 0x65520000",
     "fingerprint mismatch": "configuration fingerprint",
     "force limit exceeded": "input needle_force is 25 N",
     "door opened": "input door is off",

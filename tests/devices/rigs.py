@@ -5,17 +5,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
 
-from labrig.clock import Clock
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.drive import Drive, Homing
+from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.epos2 import DRIVE, Epos2Axis
 from labrig.devices.drives.objects import Place
-from labrig.devices.drives.section import ProductSection
 from labrig.devices.hardware import Hardware
 from labrig.devices.opening import WHOLE, Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, OperatorRequest
@@ -24,7 +23,6 @@ from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.hardware import SimulatedHardware
-from labrig.devices.simulated.kinds import be_epos2
 from labrig.devices.simulated.shaft import Mechanics
 from tests.small_camera import CALIBRATED_SMALL_CAMERA
 
@@ -65,24 +63,6 @@ def epos2_axis(**changes: object) -> Epos2Axis:
     return axis
 
 
-_FREE = Mechanics()
-
-
-def epos2_node(
-    wire: InProcessWire,
-    node_id: int,
-    clock: Clock,
-    *,
-    encoder_pulses: int = 500,
-    mechanics: Mechanics = _FREE,
-    hardware: int = 0x6220,
-    software: int = 0x2122,
-) -> SimulatedCia402Drive:
-    """Put a simulated EPOS2 on a wire."""
-    section = DRIVE.example(node_id).model_copy(update={"encoder_pulses_per_turn": encoder_pulses})
-    return SimulatedCia402Drive(section, wire, clock, mechanics, be_epos2(section, hardware, software))
-
-
 @dataclass
 class Person:
     """Somebody at the bench who always answers the same, and remembers what was asked."""
@@ -96,7 +76,7 @@ class Person:
         return Answer(self.yes)
 
 
-def count_repeats(drive: Drive) -> int:
+def count_repeats(drive: Cia402Drive) -> int:
     """Return how many requests were repeated and answers unexpected, as the record has it."""
     found = drive.describe()
     return sum(int(str(found[key])) for key in ("retries", "strays"))
@@ -113,7 +93,7 @@ class Signal:
         return self.name
 
 
-WALLS = Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0)
+FREE, WALLS = Mechanics(), Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0)
 
 
 @dataclass
@@ -154,16 +134,18 @@ class OneDrive:
 
 @contextmanager
 def one_drive(
-    section: ProductSection | None = None, told: ProductSection | None = None, **drive_settings: Any
+    section: AxisDescription | None = None,
+    told: AxisDescription | None = None,
+    mechanics: Mechanics | None = None,
+    fixed: Mapping[Place, int] = MappingProxyType({}),
 ) -> Iterator[OneDrive]:
     """Set up a drive on a bus, with a driver; `told` is the driver's section, if it is another than the drive's."""
     clock, wire = SimulatedClock(), InProcessWire()
     link = attach(wire, clock, ANSWER_TIMEOUT_S)
-    drive = (
-        epos2_node(wire, 1, clock, **drive_settings)
-        if section is None
-        else section.simulate(wire, clock, WALLS)
-    )
+    default = FREE if section is None else WALLS
+    drive = SimulatedCia402Drive(section or DRIVE.example(1), wire, clock, mechanics or default)
+    for place, value in fixed.items():
+        drive.objects.set_fixed(place, value)
     clock.on_advance(drive.tick)
     driver = Cia402Drive(link, told or section or epos2_axis(), "insertion", clock)
     yield OneDrive(clock, wire, link, drive, driver)

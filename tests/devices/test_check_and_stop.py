@@ -12,7 +12,9 @@ from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_calibration, check_rig, list_calibration_ages
 from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.clocks import SystemClock
+from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
+from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.needle_state import NeedleState
@@ -52,19 +54,18 @@ def test_the_simulated_rig_is_in_order() -> None:
 @pytest.mark.parametrize(
     ("drive", "section", "check", "status", "words"),
     [
-        ({"software": 0x2126}, {}, "drive", CheckStatus.WARN, "its EDS file is for version 0x2110 and 0x2122"),
-        ({"hardware": 0x6552}, {"hardware_version": 0x6552}, "drive", CheckStatus.WARN, "check that its label says"),
+        ({co.REVISION: 0x21260000}, {}, "drive", CheckStatus.WARN, "its EDS file is for revision 0x21220000"),
         ({}, {}, "drive", CheckStatus.PASS, "serial 1001, fingerprint [0, 0]"),
         ({}, {"configuration_fingerprint": (1, 2)}, "settings", CheckStatus.FAIL, "[0, 0]"),
-        ({}, {"encoder_pulses_per_turn": 512}, "settings", CheckStatus.FAIL, "encoder_pulses_per_turn 500"),
-        ({}, {"encoder_pulses_per_turn": None}, "settings", CheckStatus.FAIL, "encoder_pulses_per_turn 500"),
+        ({}, {"counts_per_turn": 2048.0}, "settings", CheckStatus.FAIL, "counts_per_turn 2000"),
+        ({}, {"counts_per_turn": None}, "settings", CheckStatus.FAIL, "counts_per_turn 2000"),
     ],
 )  # fmt: skip
 def test_a_drive_is_compared_with_its_section(
-    drive: dict[str, Any], section: dict[str, object], check: str, status: CheckStatus, words: str
+    drive: dict[Place, int], section: dict[str, object], check: str, status: CheckStatus, words: str
 ) -> None:
     """Versions that nobody has tried are warned of; an encoder or a fingerprint that differs fails with the drive's."""
-    with one_drive(**drive) as one:
+    with one_drive(fixed=drive) as one:
         link = attach(one.wire, one.clock, ANSWER_TIMEOUT_S)
         found = _by_name(check_axis(link, epos2_axis(**section), "insertion", one.clock))[
             f"{check} insertion"
@@ -185,17 +186,17 @@ def test_currents_and_inputs_are_checked() -> None:
         "axes.insertion.inputs={force: {source: analog-1, unit: N, units_per_volt: 10, limits: [-5, 5]}}",
         "axes.linear.inputs={door: {source: general-A, expected: true}}",
     )
-    limits = ("axes.rotation.max_current_ma=800", "axes.linear.max_current_ma=12000")
+    limits = ("axes.rotation.max_current_ma=800", "axes.linear.max_current_ma=26000")
     open_door = "faults=[{fault: input, axis: linear, source: general-A}]"
     results = _by_name(check_rig(large_rig(*channels, *limits, open_door)))
     for check, status, words in (
         (
             "current insertion",
             CheckStatus.WARN,
-            "limit 10000 mA, the drive's own; not guarded against a stall",
+            "limit 25000 mA, the drive's own; not guarded against a stall",
         ),
-        ("current rotation", CheckStatus.PASS, "0 mA; limit 800 mA, the drive's own 10000 mA"),
-        ("limits linear", CheckStatus.FAIL, "has a limit of 10000, the rig file says max_current_ma 12000"),
+        ("current rotation", CheckStatus.PASS, "0 mA; limit 800 mA, the drive's own 25000 mA"),
+        ("limits linear", CheckStatus.FAIL, "has a limit of 25000, the rig file says max_current_ma 26000"),
         ("input force", CheckStatus.PASS, "0 N at analog-1 of the drive of axis insertion, limits [-5, 5] N"),
         ("input door", CheckStatus.WARN, "off"),
     ):

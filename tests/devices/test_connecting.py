@@ -1,5 +1,6 @@
 """What connecting verifies, writes and reads back."""
 
+import math
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -7,14 +8,13 @@ import pytest
 
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing
-from labrig.devices.drives.epos2 import HOMING_DIRECTIONS, Epos2Axis
+from labrig.devices.drives.epos2 import Epos2Axis
 from labrig.devices.drives.objects import Place
-from labrig.devices.homing import HOMING_HERE
+from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import DriveError, DriveRefusedError
 from tests.devices import epos2_places as od
 from tests.devices.rigs import (
     HEARTBEAT,
-    WALLS,
     OneDrive,
     OpenedRig,
     epos2_axis,
@@ -98,7 +98,7 @@ def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
 def test_all_failures_of_all_drives_are_reported_together() -> None:
     """A silent drive, and a wrong encoder and fingerprint of another, are in one error."""
     with _rig(
-        "axes.rotation.configuration_fingerprint=[1, 2]", "axes.rotation.encoder_pulses_per_turn=512"
+        "axes.rotation.configuration_fingerprint=[1, 2]", "axes.rotation.counts_per_turn=2048"
     ) as opened:
         drives = opened.drives
         drives["insertion"].unplug()
@@ -107,7 +107,7 @@ def test_all_failures_of_all_drives_are_reported_together() -> None:
             opened.rig.connect()
         for words in (
             "(node 1) did not answer",
-            "(node 2) has encoder_pulses_per_turn 500 (0x2210:01), the rig file says 512",
+            "(node 2) has counts_per_turn 2000 (0x2210:01), the rig file says 2048",
             "(node 2) has the configuration fingerprint [0, 0]",
         ):
             assert words in refusal.value.message
@@ -129,18 +129,20 @@ def test_a_referenced_drive_gets_changed_limits(tmp_path: Path) -> None:
 # Homing
 
 
-@pytest.mark.parametrize("method", [method for method in HOMING_DIRECTIONS if method != HOMING_HERE])
-def test_each_homing_method_has_its_direction(method: int) -> None:
-    """-1 and -3 go positive, -2 and -4 negative, switches to their side; home is where they end."""
-    with one_drive(mechanics=WALLS) as one:
+HOMES = {-1: 10_000, -2: -10_000, -3: 10_300, -4: -10_300, 1: -8_000, 2: 8_000, 17: -9_100, 18: 9_100}
+"""Method -> where the shaft stands then [counts]: at a stop, at a switch, or at the next index behind it."""
+
+
+@pytest.mark.parametrize(("method", "home"), HOMES.items())
+def test_each_homing_method_has_its_direction(method: int, home: float) -> None:
+    """Signs are maxon's: -1 and -3 go positive, -2 and -4 negative, switches to their side; then off by the offset."""
+    with one_drive(mechanics=Mechanics(-10_300.0, 10_300.0, -9_100.0, 9_100.0)) as one:
         one.get_ready()
-        went: list[float] = []
-        one.clock.on_advance(lambda: went.append(one.drive.shaft_counts))
-        one.home(Homing(method=method, offset=0.25, speed=16.0, timeout_s=60.0))
-        first = next(place for place in went if place)
-        assert first * HOMING_DIRECTIONS[method] > 0
+        one.home(Homing(method=method, position=2.0, offset=0.25, speed=16.0, timeout_s=60.0))
+        assert home * Epos2Axis.homing_directions[method] > 0
+        assert one.drive.shaft_counts == pytest.approx(home - math.copysign(1000, home), abs=1e-6)
         assert one.driver.is_referenced()
-        assert one.driver.position() == pytest.approx(0.0, abs=1e-3)
+        assert one.driver.position() == pytest.approx(2.0, abs=1e-3)
 
 
 def test_a_homing_method_that_the_drive_lacks_is_refused() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import can
 import pytest
 
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.check import check_bus, check_rig
 from labrig.devices.check_result import CheckStatus
 from labrig.devices.dead_man import try_dead_man
@@ -13,7 +14,6 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
 from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
-from labrig.devices.drives.section import ProductSection
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmUnguarded
 from labrig.devices.simulated.bus import InProcessBus
@@ -48,7 +48,7 @@ def configured(one: OneDrive) -> dict[str, int | None]:
 
 @pytest.mark.parametrize(("section", "codes"), [(None, (1, 1, 1, 2)), (DRIVE.example(1), (1, 1, 1, 2, 6))])
 def test_option_codes_and_process_data_are_set_and_read_back(
-    section: ProductSection | None, codes: tuple[int, ...]
+    section: AxisDescription | None, codes: tuple[int, ...]
 ) -> None:
     """Whatever they were: a lost heartbeat is a fault, every way to stop is by a ramp, only the report is sent.
 

@@ -60,8 +60,8 @@ def test_the_lower_limit_of_rig_file_and_opening_holds(given_ma: int, in_force_m
     ("override", "words"),
     [
         (
-            "axes.linear.max_current_ma=12000",
-            "has a limit of 10000, the rig file says max_current_ma 12000",
+            "axes.linear.max_current_ma=26000",
+            "has a limit of 25000, the rig file says max_current_ma 26000",
         ),
         ("axes.linear.max_speed=20", r"has a limit of 10\.4167, the rig file says max_speed 20"),
     ],
@@ -88,7 +88,7 @@ def test_the_limit_that_a_killed_labrig_left_is_no_limit_of_the_drive(tmp_path: 
         assert limit_of(opened) == 800
         assert [opened.drives["linear"].objects.value(place) for place in od.CONFIGURATION] == [7, 7]
         rig.close()
-        assert limit_of(opened) == 10_000
+        assert limit_of(opened) == 25_000
         assert not rig.state.current_limits
 
 

@@ -62,7 +62,7 @@ def test_a_setpoint_has_requested_and_sent_values() -> None:
     """Position and speed are rounded on the wire; the rounded values are reported too."""
     with ready_rig("axes.rotation.speed_tolerance_fraction=0.05") as opened:
         setpoint = opened.rig.axis("rotation").start_move(1.0, 1.0)
-        assert (setpoint.asked_position, setpoint.sent) == (1.0, {"sent_quadcounts": 5093, "sent_rpm": 153})
+        assert (setpoint.asked_position, setpoint.sent_counts, setpoint.sent_speed_units) == (1.0, 5093, 153)
         assert setpoint.position == pytest.approx(1.0, abs=1e-4)
         assert setpoint.speed == pytest.approx(153 * 2 * math.pi / 960)
 

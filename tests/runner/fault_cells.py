@@ -20,7 +20,6 @@ from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import read_own_eds
 from labrig.devices.drives.generic import Cia402Axis
 from labrig.devices.drives.objects import Place
-from labrig.devices.drives.section import ProductSection
 from labrig.devices.drives.states import DriveState
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_location import NeedleLocation
@@ -60,6 +59,7 @@ from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path
 from tests.devices import epos2_places as od
 from tests.devices.fault_table import (
+    EMERGENCIES,
     REFUSED_AT_CONNECT,
     SCENARIOS,
     TOLD_WITHIN_S,
@@ -208,9 +208,7 @@ class Cell:
 
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
-        section = dict(self.rig.description.axes.items())[STRUCK[self.phase]]
-        assert isinstance(section, ProductSection)
-        section.simulate(self.hardware.wire, self.hardware.clock, Mechanics())
+        SimulatedCia402Drive(self.drive.section, self.hardware.wire, self.hardware.clock, Mechanics())
 
     def swap(self, entry: Place, value: int) -> None:
         """Put another drive in place of this one, which shows in one of its objects."""
@@ -320,18 +318,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "SDO timeout": lambda cell: ignore_next(cell.hardware.wire, cell.drive, 2),
     "heartbeat of the drive lost": lambda cell: stop_heartbeat(cell.hardware.wire, cell.drive),
     "node-id clash": lambda cell: cell.add_twin(),
-    "EMCY generic": _emergency(0x1000),
-    "EMCY over-current": _emergency(0x2310),
-    "EMCY over-voltage": _emergency(0x3210),
-    "EMCY under-voltage": _emergency(0x3220),
-    "EMCY over-temperature": _emergency(0x4210),
-    "EMCY logic supply": _emergency(0x5113),
-    "EMCY software": _emergency(0x6100),
-    "EMCY position sensor": _emergency(0x7320),
-    "EMCY CAN overrun": _emergency(0x8110),
-    "EMCY CAN passive": _emergency(0x8120),
-    "EMCY PDO length": _emergency(0x8210),
-    "EMCY Hall sensor": _emergency(0xFF01),
+    **{f"EMCY {name}": _emergency(code) for name, (code, _) in EMERGENCIES.items()},
     "following error": lambda cell: cell.drive.shaft.uncouple(),
     "software limit": _limit_behind,
     "limit switch": lambda cell: cell.drive.set_input("positive-limit", 1.0),
@@ -341,7 +328,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "adapter unplugged": _script_fault(fault="unplugged"),
     "wrong encoder resolution": lambda cell: cell.swap(od.ENCODER_PULSES, 1000),
     "wrong vendor": lambda cell: cell.swap(co.VENDOR_ID, 0x2A),
-    "unknown hardware": lambda cell: cell.swap(od.HARDWARE_VERSION, 0x6552),
+    "unknown hardware": lambda cell: cell.swap(co.PRODUCT_CODE, 0x65520000),
     "fingerprint mismatch": lambda cell: cell.change_parameter(),
     "computer hangs": _hang(_HANG_S),
     "signal": lambda cell: setattr(cell.signal, "name", "SIGINT"),
@@ -435,7 +422,6 @@ def cia402_rig() -> RigDescription:
             {
                 **Cia402Axis.factory_settings,
                 **{key: getattr(axis, key) for key in common},
-                "counts_per_turn": axis.scale().counts_per_turn,
             }
         )
         for name, axis in rig.axes.items()

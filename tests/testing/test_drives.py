@@ -5,14 +5,8 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import pytest
-
-from labrig.devices.axis_description import AxisDescription
-from labrig.devices.simulated.hardware import SimulatedHardware
-from labrig.errors import InputError
 from labrig.testing.drives import DriveConformance, OpenedDrive, simulated_drive
 from tests.devices.cia402.sections import other_make
-from tests.devices.rigs import simulated_rig
 
 
 class TestEpos2(DriveConformance):
@@ -21,16 +15,6 @@ class TestEpos2(DriveConformance):
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
         """Open it."""
         return simulated_drive("epos2")
-
-
-def test_a_kind_without_a_simulated_drive_says_so() -> None:
-    """A simulated rig refuses it by name."""
-    rig = simulated_rig()
-    plain = AxisDescription.model_construct(**{**dict(rig.axes.linear), "driver": "hydraulic"})
-    rig = rig.model_copy(update={"axes": rig.axes.model_copy(update={"linear": plain})})
-    assert rig.world is not None
-    with pytest.raises(InputError, match="drives of kind hydraulic cannot be simulated"):
-        SimulatedHardware(rig, rig.world, 1)
 
 
 class TestCia402(DriveConformance):

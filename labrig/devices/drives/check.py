@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 
 from labrig.clock import Clock
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.check_result import CheckResult, failed, passed, warned
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.states import decode_state
 from labrig.errors import LabrigError
 
@@ -23,7 +23,7 @@ _GUARDS = {
 """Objects that keep an axis safe -> what is not guarded in a drive that lacks them."""
 
 
-def check_axis(link: CanLink, axis: Cia402Section, name: str, clock: Clock) -> Iterator[CheckResult]:
+def check_axis(link: CanLink, axis: AxisDescription, name: str, clock: Clock) -> Iterator[CheckResult]:
     """Compare an axis of the rig file with its drive."""
     drive = Cia402Drive(link, axis, name, clock)
     try:
@@ -42,7 +42,7 @@ def check_axis(link: CanLink, axis: Cia402Section, name: str, clock: Clock) -> I
 
 def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
     identity = drive.read_identity()
-    versions = (f"{key.replace('_', ' ')} 0x{value:04X}" for key, value in identity.versions.items())
+    versions = (f"{key.replace('_', ' ')} 0x{value:08X}" for key, value in identity.versions.items())
     value = ", ".join((f"node {drive.node_id}: {identity.model}", *versions))
     value += "" if identity.serial_number is None else f", serial {identity.serial_number}"
     value += f", fingerprint {list(drive.read_fingerprint())}" if drive.model.fingerprint else ""

@@ -20,10 +20,12 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from labrig.clock import Clock
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import (
+    HOMING_HERE,
     STILL_COUNTS,
     STILL_POLL_S,
     DriveReading,
@@ -32,7 +34,6 @@ from labrig.devices.drives.drive import (
     raise_together,
 )
 from labrig.devices.drives.eds import find_default
-from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.node import (
     NMT_RESET_COMMUNICATION,
     NMT_START,
@@ -42,6 +43,7 @@ from labrig.devices.drives.node import (
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.reports import DriveReports
 from labrig.devices.drives.sdo import CHECK_POWER
+from labrig.devices.drives.settings import list_homing_settings, list_settings
 from labrig.devices.drives.states import (
     CHANGE_IMMEDIATELY,
     ENABLE,
@@ -60,7 +62,6 @@ from labrig.devices.drives.states import (
     is_attained,
     plan_controlword,
 )
-from labrig.devices.homing import HOMING_HERE
 from labrig.devices.input_channel import InputValue
 from labrig.errors import DriveError, DriveFaultError
 
@@ -94,7 +95,7 @@ class Cia402Drive(DriveNode):
     ----------
     link : CanLink
         The bus.
-    section : Cia402Section
+    section : AxisDescription
         Section of its axis in the rig file; may be incomplete, or name an EDS file that cannot be read.
     axis : str
         Name of its axis, for messages.
@@ -102,7 +103,7 @@ class Cia402Drive(DriveNode):
         Time for timeouts.
     """
 
-    def __init__(self, link: CanLink, section: Cia402Section, axis: str, clock: Clock) -> None:
+    def __init__(self, link: CanLink, section: AxisDescription, axis: str, clock: Clock) -> None:
         super().__init__(link, section, axis, clock)
         slowest = None if section.unknown else self.scale.counts_per_turn / self.scale.speed_units
         self._readings_until_still = 1 + math.ceil(still_time_s(slowest) / STILL_POLL_S)
@@ -145,7 +146,24 @@ class Cia402Drive(DriveNode):
                 )
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
-        """Switch the drive off, write its settings, and make it stop by itself; its heartbeat is monitored now."""
+        """Stop the axis, switch power off, write the settings of its section, and make the drive stop by itself.
+
+        From here on the drive sends heartbeats, and `check` notices when they stop. It stops when those of the computer
+        do, and obeys no process data of anybody else. Each setting is read, written if it differs, and read back.
+
+        Parameters
+        ----------
+        heartbeat : HeartbeatDescription
+            Period, node id, and the silence after which the drive stops.
+        max_current_ma : int or None
+            Limit of the output current until `close` [mA]; None keeps its own limit.
+
+        Raises
+        ------
+        DriveError
+            On a fault, on limits of the rig file above the drive's own, and on a setting that it does not keep, among
+            them an option that means "no action" on a lost heartbeat.
+        """
         self._fingerprint = ()  # written back last
         found = self.read_fingerprint()
         self.send_nmt(NMT_START)
@@ -156,7 +174,7 @@ class Cia402Drive(DriveNode):
         raise_together([*self.find_excesses()])
         self._heartbeat = heartbeat
         self.watch(heartbeat)
-        settings = self.model.list_settings(self.section) | self._limit_current(max_current_ma)
+        settings = list_settings(self.section, self.model) | self._limit_current(max_current_ma)
         self.adjust(settings)
         self._reports.switch_on()
         self._settings = {
@@ -182,13 +200,8 @@ class Cia402Drive(DriveNode):
         return {place: min(math.floor(max_current_ma / milliamperes), own)}
 
     def describe(self) -> dict[str, object]:
-        """Return conversion and settings of the drive, for the record."""
+        """Return settings of the drive and how often it answered amiss, for the record."""
         return {
-            "node_id": self.node_id,
-            "eds": self.model.eds.product_name,
-            "counts_per_unit": self.scale.counts_per_unit,
-            "speed_units_per_speed": self.scale.speed_units_per_speed,
-            "speed_unit": self.section.speed_unit,
             "drive_settings": {str(place): value for place, value in self._settings.items()},
             "retries": self.sdo.retries + self._reports.missed,
             "strays": self.sdo.strays + self._reports.strays,
@@ -236,7 +249,7 @@ class Cia402Drive(DriveNode):
             self._clock.sleep(POLL_S)
 
     def enable(self) -> None:
-        """Switch the power stage on; the axis holds its position."""
+        """Switch the power stage on; the axis holds its position. Raises `DriveError`, also on a fault."""
         self._set_mode(co.PROFILE_POSITION)
         self.download(co.CONTROLWORD, HALT)
         self.download(co.TARGET_POSITION, self.counter())
@@ -273,7 +286,18 @@ class Cia402Drive(DriveNode):
         return self._position(self.upload(co.TARGET_POSITION))
 
     def read(self, since_s: float | None = None) -> DriveReading:
-        """Read statusword, position and load. Raises `DriveError` if the drive cannot move."""
+        """Read statusword, position and load.
+
+        Parameters
+        ----------
+        since_s : float or None
+            Rig time just before a SYNC [s]: what the drive reports at it is read if it can, with the motor current.
+
+        Raises
+        ------
+        DriveError
+            When the drive cannot move: a fault, a restart, silence, or power off.
+        """
         values = self._reports.read(since_s)
         statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
         self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
@@ -322,11 +346,13 @@ class Cia402Drive(DriveNode):
     def round_move(self, position: float, speed: float) -> Setpoint:
         """Return the nearest move in whole counts and units of speed."""
         sent = self._counter(position), self.scale.to_speed_units(speed)
-        names = dict(zip(self.model.sent_names, sent, strict=True))
-        return Setpoint(position, speed, names, self._position(sent[0]), self.scale.to_speed(sent[1]))
+        return Setpoint(position, speed, self._position(sent[0]), self.scale.to_speed(sent[1]), *sent)
 
     def start_move(self, position: float, speed: float) -> None:
-        """Start a move to an absolute position [mm or rad, per s]."""
+        """Start a move to an absolute position [mm or rad, per s], and return once the drive has accepted it.
+
+        It replaces a move in progress.
+        """
         self._target = self._counter(position)
         self.start_profile(self._target, self.scale.to_speed_units(speed))
 
@@ -394,10 +420,18 @@ class Cia402Drive(DriveNode):
     # Reference
 
     def home(self, homing: Homing) -> Iterator[None]:
-        """Home, and hold at home in profile position mode; the caller lets time pass at each turn."""
+        """Home, from standstill and enabled, and hold at home, ready for moves; the caller lets time pass at each turn.
+
+        `homing.method` is a key of the section's `homing_directions`. This discards the position of `assume_position`.
+
+        Raises
+        ------
+        DriveError
+            When home is not found, or not in time; home found by an earlier homing does not count.
+        """
         self._offset_counts, self._target, self._has_homed = 0, None, False
         due_s = self._clock.now_s() + homing.timeout_s
-        settings = self.model.list_homing_settings(self.section, homing)
+        settings = list_homing_settings(self.section, self.model, homing)
         self._set_mode(co.HOMING)
         self.adjust(settings)
         self.download(co.CONTROLWORD, ENABLE)

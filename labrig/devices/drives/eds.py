@@ -108,7 +108,7 @@ def parse_eds(text: str, source: str) -> Eds:
         parser = _parse_sections(text.removeprefix("\xef\xbb\xbf"))
         info = {key: int(parser["DeviceInfo"][key], 0) for key in ("VendorNumber", "ProductNumber")}
         found = _import(parser)
-        objects = {Place(each.index, each.subindex): each for each in _list_numbers(found, parser)}
+        objects = {Place(each.index, each.subindex): each for each in _list_numbers(found)}
     except Exception as error:
         why = " ".join(str(error).split())[:200]
         raise InputError(
@@ -146,13 +146,7 @@ def _import(parser: RawConfigParser) -> ObjectDictionary:
     return import_od(text, node_id=0)
 
 
-def _list_numbers(found: ObjectDictionary, parser: RawConfigParser) -> Iterator[ODVariable]:
-    for index, item in found.items():
-        if isinstance(item, ODVariable):
-            members = [item]
-        else:
-            compact = int(parser.get(f"{index:04X}", "CompactSubObj", fallback="0"), 0)
-            members = [item[k] for k in range(min(compact, 254) + 1)] if compact else list(item.values())
-        for variable in members:
-            if variable.data_type in _NUMBERS:
-                yield variable
+def _list_numbers(found: ObjectDictionary) -> Iterator[ODVariable]:
+    for item in found.values():
+        members = [item] if isinstance(item, ODVariable) else item.values()
+        yield from (variable for variable in members if variable.data_type in _NUMBERS)

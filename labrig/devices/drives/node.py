@@ -19,13 +19,14 @@ from functools import cached_property
 from typing import TypeVar
 
 from labrig.clock import Clock
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Identity, raise_together
 from labrig.devices.drives.eds import count_bytes, find_bounds, read_own_eds
 from labrig.devices.drives.errors import describe_emergency
-from labrig.devices.drives.model import Cia402Section, Model
+from labrig.devices.drives.model import Model
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.sdo import CHECK_POWER, NO_OBJECT, SdoClient
 from labrig.devices.units import AxisScale
@@ -65,12 +66,12 @@ class DriveNode:
         Its objects as the EDS file describes them, or as the standard does if they are not there.
     """
 
-    def __init__(self, link: CanLink, section: Cia402Section, axis: str, clock: Clock) -> None:
+    def __init__(self, link: CanLink, section: AxisDescription, axis: str, clock: Clock) -> None:
         self.node_id = section.node_id
         self.name = f"drive of axis {axis} (node {self.node_id})"
         self.axis = axis
         self.section = section
-        self.model = Model(read_own_eds("cia402.eds"), {})
+        self.model = Model(read_own_eds("cia402.eds"))
         with suppress(InputError):  # `read_identity` raises it
             self.model = section.model()
         self.variables = {**read_own_eds("cia402.eds").objects, **self.model.eds.objects}
@@ -180,22 +181,22 @@ class DriveNode:
     def _compare_product(self) -> Identity:
         model, eds = self.model, self.model.eds
         profile, vendor = self.upload(co.DEVICE_TYPE) & 0xFFFF, self.upload(co.VENDOR_ID)
-        kind, version = self.upload(model.type_at), self.find(model.version_at)
-        found = {model.type_name: kind, **({} if version is None else {model.version_name: version})}
-        name = model.types.get(kind & model.type_mask)
-        is_own = name is not None and (model.versions is None or version in model.versions)
+        code, revision = self.upload(co.PRODUCT_CODE), self.find(co.REVISION)
+        found = {"product_code": code} | ({} if revision is None else {"revision_number": revision})
+        known = model.types or {eds.product: eds.product_name}
+        name = known.get(code & model.type_mask)
+        is_own = name is not None and (model.revisions is None or revision in model.revisions)
         if (profile, vendor, is_own) != (_PROFILE, eds.vendor, True):
-            says = ", ".join(f"{key.replace('_', ' ')} 0x{value:04X}" for key, value in found.items())
-            types = ", ".join(f"{each} (0x{code:04X})" for code, each in model.types.items())
+            says = ", ".join(f"{key.replace('_', ' ')} 0x{value:08X}" for key, value in found.items())
+            types = ", ".join(f"{each} (0x{known_code:08X})" for known_code, each in known.items())
             raise DriveError(
                 f"{self.name} is no {eds.product_name} that labrig knows: profile {profile}, "
                 f"vendor 0x{vendor:X}, {says}",
                 f"profile {_PROFILE}, vendor 0x{eds.vendor:X}, {types} are known; {model.advice}",
             )
-        doubt = model.doubt
-        if not doubt and model.tried and version not in {None, *model.tried}:
-            tried = " and ".join(f"0x{each:04X}" for each in model.tried)
-            doubt = f"its EDS file is for version {tried}: ranges and defaults may differ"
+        doubt = ""
+        if eds.revision is not None and revision not in {None, eds.revision}:
+            doubt = f"its EDS file is for revision 0x{eds.revision:08X}: ranges and defaults may differ"
         return Identity(name or "", self.find(co.SERIAL_NUMBER), found, doubt)
 
     def find_differences(self) -> Iterator[DriveError]:
@@ -203,7 +204,8 @@ class DriveNode:
         for stated in self.model.stated:
             found = stated.read(self.upload(stated.place)) if self.model.has(stated.place) else None
             if found not in {None, stated.value}:
-                said = "nothing" if stated.value is None else stated.value
+                value = stated.value
+                said = f"{value:g}" if isinstance(value, float) else value or "nothing"
                 yield DriveError(
                     f"{self.name} has {stated.key} {found} ({stated.place}), the rig file says {said}",
                     f"find out which is right; correct the rig file, or the drive in {self.model.tool}",

@@ -126,7 +126,7 @@ class ReplayedRig(RigCalls):
             self._tape.differ(f"a move of {axis_name} to {position:.6g}")
         sent = {key: value for key, value in line.items() if key.startswith("sent_")}
         return self._parse(
-            lambda: Setpoint(position, speed, sent, float(line["position"]), float(line["speed"]))
+            lambda: Setpoint(position, speed, float(line["position"]), float(line["speed"]), **sent)
         )
 
     def wait(self, duration_s: float) -> None:

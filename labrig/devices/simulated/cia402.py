@@ -7,25 +7,23 @@ from dataclasses import dataclass
 from functools import partial
 
 from labrig.clock import Clock
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.drives import objects as co
-from labrig.devices.drives.model import Cia402Section
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import (
     FAULT_RESET,
     HALT,
     HOMING_ATTAINED,
     NEW_SETPOINT,
-    QUICK_STOP,
     REMOTE,
     SETPOINT_ACKNOWLEDGED,
     TARGET_REACHED,
     DriveState,
 )
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.dictionary import OUT_OF_RANGE, ObjectDictionary, SdoAbortError
-from labrig.devices.simulated.kinds import Behaviour
+from labrig.devices.simulated.dictionary import ObjectDictionary
 from labrig.devices.simulated.node import CanopenNode, NmtState
-from labrig.devices.simulated.shaft import HOMING_HERE, SEARCHES, Mechanics, MotorShaft, plan_search
+from labrig.devices.simulated.shaft import Mechanics, MotorShaft, plan_search
 from labrig.devices.trapezoid import Limits
 
 _POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
@@ -45,10 +43,9 @@ _REFERENCED = 0x8000
 """Bit of the statusword that a drive of maxon sets while it has its reference."""
 
 _GENERIC, _FOLLOWING_ERROR, _HEARTBEAT_ERROR = 0x01, 0x8611, 0x8130
-_REGISTER = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x5: 0x04, 0x6: 0x20, 0x7: 0x20, 0x8: 0x10, 0xF: 0x80}
-"""First digit of an error code -> its bit in the error register 0x1001, beside the generic one."""
+"""The bit of the error register that every error sets, and codes of two errors."""
 
-_FAULT_SIGNAL, _QUICK_STOP_COMMAND = 1, 3
+_FAULT_SIGNAL = 1
 """What 0x6007 makes of a lost heartbeat; with 0 the drive goes on."""
 
 _UNDER_VOLTAGE = 0x3220
@@ -61,6 +58,20 @@ _STAYS_IN_QUICK_STOP = 5
 _MODE_SPECIFIC = 0x2000
 _FOLLOWING_ERROR_OFF = 0xFFFFFFFF
 _NEGATIVE_SWITCH, _POSITIVE_SWITCH = 0x0001, 0x0002
+_SWITCH_MASK = Place(0x2071, 4)
+"""Object of an EPOS2 that says which limit switches stop it; without it both do."""
+
+_LIMIT_ERRORS = {"epos2": (0xFF06, 0xFF07, 0xFF09)}
+_LIMIT_ERRORS_OF_EPOS4 = (0x8A80, 0x8A81, 0x8A82)
+"""Error codes of the negative and positive limit switch, and of a passed software limit, by table of error codes."""
+
+_DISABLING_ERRORS = frozenset(
+    {0x1000, 0x2310, 0x3210, 0x3220, 0x4210, 0x5113, 0x6100, 0x6320, 0x7320}
+    | {0xFF01, 0xFF02, 0xFF03, 0xFF04, 0xFF0A, 0xFF0B}
+)
+"""Errors that switch the power stage off at once; to all others a drive reacts as 0x605E says (maxon's firmware
+specification of the first EPOS generation, 798675-03)."""
+
 _KEPT_EVENTS = 10_000
 
 
@@ -88,16 +99,14 @@ class SimulatedCia402Drive(CanopenNode):
 
     Parameters
     ----------
-    section : Cia402Section
-        Section of its axis in the rig file; complete.
+    section : AxisDescription
+        Section of its axis in the rig file; complete. It tells the product, its units and its encoder.
     wire : InProcessWire
         The bus that it stands on; it says so with a boot-up frame.
     clock : Clock
         Whose time it moves in. `tick` is to be called whenever that time advances.
     mechanics : Mechanics
         What the shaft can run against.
-    behaviour : Behaviour
-        That of its product.
     boot_time_s : float
         How long it is silent after a reset.
 
@@ -111,16 +120,15 @@ class SimulatedCia402Drive(CanopenNode):
 
     def __init__(
         self,
-        section: Cia402Section,
+        section: AxisDescription,
         wire: InProcessWire,
         clock: Clock,
         mechanics: Mechanics,
-        behaviour: Behaviour,
         *,
         boot_time_s: float = 0.0,
     ) -> None:
-        self._section, self._behaviour = section, behaviour
-        self._model = section.model()
+        self.section, self._model = section, section.model()
+        self._limit_errors = _LIMIT_ERRORS.get(self._model.errors, _LIMIT_ERRORS_OF_EPOS4)
         self._scale = section.scale()
         self.journal: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
         self._forced_inputs = 0
@@ -132,7 +140,9 @@ class SimulatedCia402Drive(CanopenNode):
         self._inputs = 0
         self._done_s = -math.inf
         self._forget()
-        objects = ObjectDictionary(self._model, section.node_id, behaviour.fixed, self._list_live_objects())
+        objects = ObjectDictionary(
+            self._model, section.node_id, self._list_fixed_objects(), self._list_live_objects()
+        )
         self._values = objects.value
         super().__init__(wire, section.node_id, clock, objects)
         self._note("boot", "power on")
@@ -174,9 +184,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _position_limits(self) -> tuple[float, float]:
         low, high = self.objects.values[co.LOWER_LIMIT], self.objects.values[co.UPPER_LIMIT]
-        if low == high == 0 and self._behaviour.zero_is_no_limit:
-            return -math.inf, math.inf
-        return low, high
+        return (low, high) if low or high else (-math.inf, math.inf)
 
     def _current_limit_ma(self) -> float:
         """Return the output current limit [mA]; none by default."""
@@ -188,12 +196,8 @@ class SimulatedCia402Drive(CanopenNode):
 
     def lose_master(self, t_s: float) -> None:
         """Do what the abort connection option code says when the heartbeat of the computer has ended."""
-        option = self._values(co.ABORT_CONNECTION)
-        if option == _FAULT_SIGNAL:
+        if self._values(co.ABORT_CONNECTION) == _FAULT_SIGNAL:
             self._raise_error(_HEARTBEAT_ERROR, t_s)
-        elif option == _QUICK_STOP_COMMAND:
-            self.send_emergency(_HEARTBEAT_ERROR, _find_register(_HEARTBEAT_ERROR))
-            self._change_state(QUICK_STOP)
 
     # What tests and fault scripts do to it
 
@@ -212,7 +216,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def set_input(self, name: str, value: float) -> None:
         """Put an analog input at a voltage [mV], or switch a digital input on (not 0) or off (0)."""
-        bit = self._section.digital_inputs.get(name)
+        bit = self.section.digital_inputs.get(name)
         if bit is None:
             self._analog_mv[name] = value
             return
@@ -273,7 +277,7 @@ class SimulatedCia402Drive(CanopenNode):
             window = math.inf
         demand, actual = self.shaft.at(now_s)
         if not (low <= demand <= high and low <= actual <= high):
-            code = self._behaviour.position_limit_error
+            code = self._limit_errors[2]
             passed_s = self.shaft.find_first_time(
                 lambda d, a: not (low <= d <= high and low <= a <= high), now_s
             )
@@ -288,9 +292,13 @@ class SimulatedCia402Drive(CanopenNode):
         pressed = self._inputs & ~before
         if not pressed or seeks_switch or self._state not in _POWERED:
             return
-        mask = self._behaviour.switch_mask
-        for bit, code in self._behaviour.switch_errors.items():
-            if pressed & bit & (bit if mask is None else self._values(mask)):
+        stops = (
+            self._values(_SWITCH_MASK)
+            if self._model.has(_SWITCH_MASK)
+            else _NEGATIVE_SWITCH | _POSITIVE_SWITCH
+        )
+        for bit, code in zip((_NEGATIVE_SWITCH, _POSITIVE_SWITCH), self._limit_errors, strict=False):
+            if pressed & stops & bit:
                 self.fail(code)
 
     def _read_inputs(self) -> int:
@@ -326,6 +334,23 @@ class SimulatedCia402Drive(CanopenNode):
 
     # Objects
 
+    def _list_fixed_objects(self) -> dict[Place, int]:
+        """Return what this drive is, whatever the defaults of its EDS file."""
+        eds = self._model.eds
+        return {
+            co.DEVICE_TYPE: 0x00020192,
+            co.VENDOR_ID: eds.vendor,
+            co.PRODUCT_CODE: next(iter(self._model.types), eds.product),
+            co.REVISION: eds.revision or 0,
+            co.SERIAL_NUMBER: 1000 + self.section.node_id,
+            **(
+                {}
+                if self._model.has(co.MAX_FOLLOWING_ERROR)
+                else {co.MAX_FOLLOWING_ERROR: _FOLLOWING_ERROR_OFF}
+            ),
+            **{stated.place: stated.raw for stated in self._model.stated if stated.raw is not None},
+        }
+
     def _list_live_objects(self) -> dict[Place, Callable[[], int]]:
         """Return the objects whose value is made when it is read."""
         model = self._model
@@ -348,25 +373,16 @@ class SimulatedCia402Drive(CanopenNode):
         self._done_s = -math.inf
         if place == co.CONTROLWORD:
             self._obey(value, before)
-        elif place == co.MODE:
-            self._change_mode(value, before)
-        elif place == co.HOMING_METHOD and value not in SEARCHES.keys() | HOMING_HERE:
-            self._take_back(place, before)
+        elif place == co.MODE and value != before:
+            self._change_mode()
         elif place == co.ERROR_COUNT:
-            self.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
+            self.objects.values[co.LAST_ERROR] = 0
 
-    def _take_back(self, place: Place, before: int) -> None:
-        self.objects.values[place] = before
-        raise SdoAbortError(OUT_OF_RANGE)
-
-    def _change_mode(self, mode: int, before: int) -> None:
-        if mode not in {co.PROFILE_POSITION, co.HOMING}:
-            self._take_back(co.MODE, before)
-        if mode != before:
-            self._acknowledged = False
-            self._stop_homing()
-            if self.is_moving and self._state is DriveState.OPERATION_ENABLED:
-                self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
+    def _change_mode(self) -> None:
+        self._acknowledged = False
+        self._stop_homing()
+        if self.is_moving and self._state is DriveState.OPERATION_ENABLED:
+            self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
 
     # NMT
 
@@ -381,7 +397,7 @@ class SimulatedCia402Drive(CanopenNode):
             case 0x81:
                 self.restart()
             case 0x82:
-                first = self._behaviour.reset_communication_first
+                first = self._model.reset_communication_first
                 self._errors = [code for code in self._errors if code not in first]
                 self.objects.load(only_communication=True)
                 self.boot()
@@ -541,20 +557,17 @@ class SimulatedCia402Drive(CanopenNode):
             return
         self._errors.append(code)
         values = self.objects.values
-        history = [code, *(values[entry] for entry in co.ERROR_HISTORY[:-1])]
-        values |= dict(zip(co.ERROR_HISTORY, history, strict=True))
-        values[co.ERROR_COUNT] = min(len(co.ERROR_HISTORY), values[co.ERROR_COUNT] + 1)
-        values[co.ERROR_REGISTER] |= _find_register(code)
+        values |= {co.LAST_ERROR: code, co.ERROR_COUNT: 1, co.ERROR_REGISTER: _GENERIC}
         self._note("emergency", f"0x{code:04X}", t_s)
         self._react(code, t_s)
-        self.send_emergency(code, values[co.ERROR_REGISTER])
+        self.send_emergency(code, _GENERIC)
 
     def _react(self, code: int, t_s: float) -> None:
         """Brake, or switch the power stage off at once, whichever the error and 0x605E ask for."""
         option = self._values(co.FAULT_REACTION)
         self._homing_failed = self._homing_failed or self.is_homing
         self._stop_homing()
-        loses_power = option == _POWER_OFF or code in self._behaviour.disabling_errors | self._lasting_errors
+        loses_power = option == _POWER_OFF or code in _DISABLING_ERRORS | self._lasting_errors
         if loses_power or not self.is_powered():
             self._hold()
             self._state = DriveState.FAULT
@@ -563,14 +576,9 @@ class SimulatedCia402Drive(CanopenNode):
             self._state = DriveState.FAULT_REACTION
 
     def _reset_fault(self) -> None:
-        kept = self._behaviour.reset_communication_first | self._lasting_errors
+        kept = self._model.reset_communication_first | self._lasting_errors
         self._errors = [code for code in self._errors if code in kept]
         if not self._errors:
             self._state = DriveState.SWITCH_ON_DISABLED
             self.objects.values[co.ERROR_REGISTER] = 0
             self.send_emergency(0, 0)
-
-
-def _find_register(code: int) -> int:
-    """Return the bits that an error sets in the error register."""
-    return _GENERIC | _REGISTER.get(code >> 12, 0)

@@ -13,6 +13,7 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import count_bytes, find_bounds, find_default, read_own_eds
 from labrig.devices.drives.model import Model
 from labrig.devices.drives.objects import Place
+from labrig.devices.simulated.shaft import HOMING_HERE, SEARCHES
 
 MAPPINGS = {place: mapping for mapping in co.TPDO_MAPS for place in mapping}
 """An object that says what a transmit PDO carries -> all of that PDO, the number of its objects first."""
@@ -34,6 +35,12 @@ WRONG_STATE = 0x08000022
 NMT_STATE = 0x0F00FFC0
 
 _HEAD = struct.Struct("<BHB")
+_CHOICES = {
+    co.MODE: frozenset({co.PROFILE_POSITION, co.HOMING}),
+    co.HOMING_METHOD: SEARCHES.keys() | HOMING_HERE,
+}
+"""Objects that take certain values only."""
+
 _PROCESS_DATA = frozenset({co.CONTROLWORD, co.MODE, co.TARGET_POSITION, co.ERROR_COUNT})
 """Written all the time, so no part of the configuration that a fingerprint vouches for."""
 
@@ -93,7 +100,7 @@ class ObjectDictionary:
         """Take the values of power on, of all objects or of the communication profile alone (0x1000 to 0x1FFF)."""
         fresh = self._defaults | self._fixed
         if only_communication:
-            kept = {co.ERROR_REGISTER, co.ERROR_COUNT, *co.ERROR_HISTORY}
+            kept = {co.ERROR_REGISTER, co.ERROR_COUNT, co.LAST_ERROR}
             fresh = {
                 place: value for place, value in fresh.items() if place.index < 0x2000 and place not in kept
             }
@@ -167,6 +174,8 @@ class ObjectDictionary:
         low, high = bounds
         if not low <= value <= high:
             raise SdoAbortError(TOO_LOW if value < low else TOO_HIGH)
+        if value not in _CHOICES.get(place, {value}):
+            raise SdoAbortError(OUT_OF_RANGE)
         if place == co.ERROR_COUNT and value:
             raise SdoAbortError(TOO_HIGH)
         if place in {co.LOWER_LIMIT, co.UPPER_LIMIT}:

@@ -9,7 +9,6 @@ from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import CameraContext, PictureSource
 from labrig.devices.clocks import SimulatedClock, WatchedClock
-from labrig.devices.drives.section import ProductSection
 from labrig.devices.operator import Operator
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
@@ -18,7 +17,6 @@ from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import RehearsedOperator, SimulatedOperator
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.worker import SAME_THREAD, Worker, WorkerThread
-from labrig.errors import InputError
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
 
@@ -38,7 +36,7 @@ class SimulatedHardware:
     Raises
     ------
     InputError
-        When entries of the rig file are unknown, or a drive cannot be simulated.
+        When entries of the rig file are unknown.
     """
 
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
@@ -111,17 +109,12 @@ def make_drives(rig: RigDescription, wire: InProcessWire, clock: Clock) -> dict[
     Raises
     ------
     InputError
-        When entries of the rig file are unknown, or a drive cannot be simulated.
+        When entries of the rig file are unknown.
     """
     require_complete(rig)
     drives = {}
     for name, axis in rig.axes.items():
-        if not isinstance(axis, ProductSection):
-            raise InputError(
-                f"drives of kind {axis.driver} cannot be simulated",
-                "choose another driver, or a rig of kind bench",
-            )
-        drives[name] = axis.simulate(wire, clock, _make_mechanics(axis))
+        drives[name] = SimulatedCia402Drive(axis, wire, clock, _make_mechanics(axis))
         for channel in axis.inputs.values():
             if channel.expected:
                 drives[name].set_input(channel.source, 1.0)

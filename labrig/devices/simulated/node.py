@@ -2,7 +2,6 @@
 
 import math
 import struct
-from abc import ABC, abstractmethod
 from enum import IntEnum
 
 import can
@@ -30,7 +29,7 @@ class NmtState(IntEnum):
     PRE_OPERATIONAL = 127
 
 
-class CanopenNode(ABC):
+class CanopenNode:
     """The CANopen node of a simulated drive; a drive derives from it and adds what it does.
 
     Parameters
@@ -58,15 +57,12 @@ class CanopenNode(ABC):
         self._wire = wire
         self.line = InProcessBus(wire, self._on_frame)
 
-    @abstractmethod
     def tick(self) -> None:
         """Do what is due by now; called before each frame for this node too."""
 
-    @abstractmethod
     def _obey_nmt(self, command: int) -> None:
         """Carry out an NMT command for this node."""
 
-    @abstractmethod
     def lose_master(self, t_s: float) -> None:
         """React to the end of the computer's heartbeat, which was missed at this instant."""
 

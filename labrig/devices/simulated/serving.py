@@ -10,6 +10,7 @@ from labrig.devices.can_description import Bitrate
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.epos2 import Epos2Axis
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
+from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan import SlcanAdapter
 from labrig.errors import BusError, InputError
@@ -77,7 +78,9 @@ class ServedDrives:
     def __init__(self, bus: can.BusABC, node_ids: Iterable[int]) -> None:
         self.wire, clock = InProcessWire(), SystemClock()
         self.drives = {
-            node_id: Epos2Axis.example(node_id).simulate(self.wire, clock, Mechanics(), _BOOT_TIME_S)
+            node_id: SimulatedCia402Drive(
+                Epos2Axis.example(node_id), self.wire, clock, Mechanics(), boot_time_s=_BOOT_TIME_S
+            )
             for node_id in node_ids
         }
         self._bus = bus

@@ -32,20 +32,18 @@ def test_objects_have_width_access_default_and_range() -> None:
 
 
 def test_numbers_are_read_as_manufacturers_write_them() -> None:
-    """Two's complement, blanks, comments, upper and lower case, compact arrays, strings, a byte order mark."""
+    """Two's complement, blanks, comments, upper and lower case, strings, a byte order mark."""
     text = (
         "; a comment\n[DeviceInfo]\nVendorNumber = 0x2F ; Nanotec\nProductNumber=10\n"
         "[607d]\nParameterName=limits\nObjectType=8\n"
         "[607dsub1]\nParameterName=low\nDataType=0x0004\nAccessType=RW\nLowLimit=0x80000000\nHighLimit=0xFFFFFFFF\n"
         "DefaultValue=0xFFFFFFFE\n"
-        "[1003]\nParameterName=errors\nObjectType=0x08\nDataType=7\nAccessType=ro\nCompactSubObj=3\n"
         "[1008]\nParameterName=name\nDataType=9\nAccessType=const\n"
     )
     eds = parse_eds("\xef\xbb\xbf" + text, "odd.eds")
     assert (eds.vendor, eds.product, eds.revision) == (0x2F, 10, None)
     lower = eds.objects[co.LOWER_LIMIT]
     assert (find_bounds(lower), find_default(lower)) == ((-(2**31), -1), -2)
-    assert [place.subindex for place in eds.objects if place.index == 0x1003] == [0, 1, 2, 3]
     assert Place(0x1008) not in eds.objects
 
 

@@ -107,8 +107,8 @@ def test_what_was_asked_and_what_was_sent_are_both_recorded(swept: Swept) -> Non
     events = swept.run.events
     first = events[(events["kind"] == "move") & (events["axis"] == "insertion")].iloc[0]
     assert (first["asked_position_mm"], first["asked_speed_mm_s"]) == (40.0, 1.0)
-    assert first["sent_rpm"] == round(first["sent_rpm"]) > 0
-    assert first["sent_quadcounts"] == round(first["sent_quadcounts"]) > 0
+    assert first["sent_speed_units"] == round(first["sent_speed_units"]) > 0
+    assert first["sent_counts"] == round(first["sent_counts"]) > 0
 
 
 def test_a_needle_left_in_tissue_is_asked_about_first(tmp_path: Path) -> None:

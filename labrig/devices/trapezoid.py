@@ -15,24 +15,22 @@ class Segment:
     velocity: float
     acceleration: float
 
-    def at(self, t_s: float) -> tuple[float, float]:
-        """Return (position, velocity) at a time, which is held within the segment."""
-        return self._evaluate(min(max(t_s - self.start_s, 0.0), self.duration_s))
+    def after(self, t_s: float) -> tuple[float, float]:
+        """Return (position, velocity) a time after its start, which is held within the segment."""
+        t_s = min(max(t_s, 0.0), self.duration_s)
+        return (
+            self.position + self.velocity * t_s + 0.5 * self.acceleration * t_s * t_s,
+            self.velocity + self.acceleration * t_s,
+        )
 
     @property
     def end(self) -> tuple[float, float]:
         """Return (position, velocity) at its end.
 
-        Not `at(start_s + duration_s)`: late on the clock a short ramp loses its last digits in that sum, and a long
-        cruise at the velocity that is left would end far from where it should.
+        Not by the time at its end: late on the clock a short ramp loses its last digits in that sum, and a long cruise
+        at the velocity that is left would end far from where it should.
         """
-        return self._evaluate(self.duration_s)
-
-    def _evaluate(self, t: float) -> tuple[float, float]:
-        return (
-            self.position + self.velocity * t + 0.5 * self.acceleration * t * t,
-            self.velocity + self.acceleration * t,
-        )
+        return self.after(self.duration_s)
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class Profile:
             return self.end_position, 0.0
         for segment in self.segments:
             if t_s < segment.start_s + segment.duration_s:
-                return segment.at(t_s)
+                return segment.after(t_s - segment.start_s)
         return self.end_position, 0.0
 
 

@@ -49,15 +49,6 @@ _PATH_EVERY_MM = 0.5
 _STUCK_MM = 0.5  # a deeper instrument would tear the gel when a hand moves it
 
 
-@dataclass(frozen=True)
-class _Axes:
-    """Positions of the three axes; the rotation is that of the needle's base, which is clamped at an angle."""
-
-    insertion_mm: float = 0.0
-    rotation_rad: float = 0.0
-    linear_mm: float = 0.0
-
-
 @dataclass(frozen=True, eq=False)
 class Glance:
     """What there was to see of sheath and needle at a moment; the needle's path was cut as far as its tip then.
@@ -103,8 +94,9 @@ class World:
     def __init__(self, description: WorldDescription, seed: int) -> None:
         self.description = description
         self._seed = seed
-        self._axes = _Axes(rotation_rad=math.radians(description.needle.clamp_roll_deg))
-        self._bevel_rad = self._axes.rotation_rad
+        self._clamped_rad = math.radians(description.needle.clamp_roll_deg)
+        self._insertion_mm, self._base_rad, self._linear_mm = 0.0, self._clamped_rad, 0.0
+        self._bevel_rad = self._base_rad
         self._needle_id: str | None = None
         self._target_mm: tuple[float, float, float] | None = None
         self._specimens: dict[tuple[str, float], GelBlock] = {}
@@ -137,7 +129,7 @@ class World:
         """
         self._refuse_if_stuck("the needle is changed")
         self._needle_id = needle_id
-        self._bevel_rad = self._axes.rotation_rad
+        self._bevel_rad = self._base_rad
 
     def place_specimen(self, name: str, gelatin_percent: float) -> None:
         """Put a specimen before the sheath, fresh or with its earlier tracks.
@@ -275,9 +267,9 @@ class World:
         It withdraws and enters again along its path. The linear axis carries a protruding needle along its path.
         Between two calls the bevel has the later call's `rotation_rad`.
         """
-        clamped_rad = math.radians(self.description.needle.clamp_roll_deg)
-        self._axes = _Axes(insertion_mm, rotation_rad + clamped_rad, linear_mm)
-        self._bevel_rad = follow_with_play(self._bevel_rad, self._axes.rotation_rad, self._torsion_lag_rad())
+        self._insertion_mm, self._linear_mm = insertion_mm, linear_mm
+        self._base_rad = rotation_rad + self._clamped_rad
+        self._bevel_rad = follow_with_play(self._bevel_rad, self._base_rad, self._torsion_lag_rad())
         hole = self._hole
         if self._specimen is None:
             hole.track = None
@@ -288,11 +280,11 @@ class World:
 
     def _cut(self, hole: Hole) -> None:
         if hole.track is None:
-            needle, (x, y, z) = self.description.needle, self._sheath_tip_mm()
+            needle, (x, y, z) = self.description.needle, self.sheath_point_mm()
             bending = Bending(hole.radius_mm, needle.hinge_closing_mm, needle.backlash_mm, hole.layers)
             start = PathNode(0.0, y, z, hole.heading_rad, 0.0, x, hole.lean_rad)
             hole.track = Track(start, bending, hole.unevenness)
-            hole.track_linear_mm = self._axes.linear_mm
+            hole.track_linear_mm = self._linear_mm
         hole.track.extend(self._needle_span().to_mm, self._bevel_rad)
 
     def _torsion_lag_rad(self) -> float:
@@ -301,7 +293,7 @@ class World:
             self._specimen is not None and self._needle_id is not None,
             self.description.needle,
         )
-        in_gel_mm = max(0.0, self._axes.insertion_mm) if is_in_gel else 0.0
+        in_gel_mm = max(0.0, self._insertion_mm) if is_in_gel else 0.0
         return math.radians(needle.torsion_lag_deg + needle.torsion_lag_deg_per_mm * in_gel_mm)
 
     def picture(self, exposure: float = 1.0) -> npt.NDArray[np.uint8]:
@@ -329,7 +321,7 @@ class World:
         keys of `_phantom_truth`.
         """
         hole, track = self._hole, self._hole.track
-        start = self._sheath_tip_mm() if track is None else _xyz(track.node_at(0.0))
+        start = self.sheath_point_mm() if track is None else _xyz(track.node_at(0.0))
         tip = start if track is None else _xyz(track.node_at(track.length_mm))
         return {
             "specimen": None if self._specimen is None else self._specimen.name,
@@ -354,7 +346,7 @@ class World:
         if self._specimen is None or not self._specimen.is_phantom:
             return {}
         track, balls, target = self._hole.track, self._specimen.obstacles, self.locate_target_mm()
-        path = np.array([self._sheath_tip_mm()]) if track is None else track.points_mm()[:, 1:]
+        path = np.array([self.sheath_point_mm()]) if track is None else track.points_mm()[:, 1:]
         radius_mm = 0.5 * self.description.needle.diameter_mm
         clearances = [
             float(np.linalg.norm(path - ball.centre_mm, axis=1).min()) - ball.radius_mm - radius_mm
@@ -371,13 +363,13 @@ class World:
     def tip_mm(self) -> tuple[float, float, float]:
         """Return where the needle's tip (x, y, z) is now, or the sheath's while the needle is inside it."""
         node = self.glance().node_before_tip()
-        return self._sheath_tip_mm() if node is None else _xyz(node)
+        return self.sheath_point_mm() if node is None else _xyz(node)
 
     def glance(self) -> Glance:
         """Return what there is to see of sheath and needle now."""
         track, span = self._hole.track, self._needle_span()
         is_out = track is not None and span.to_mm > span.from_mm
-        sheath_mm = (self._sheath_tip_mm(), self.sheath_point_mm(SHEATH_MM))
+        sheath_mm = (self.sheath_point_mm(), self.sheath_point_mm(SHEATH_MM))
         return Glance(track if is_out else None, span.to_mm, sheath_mm, self._hole.radius_mm)
 
     def locate_markers(self) -> Mapping[int, tuple[PrintedMarkerDescription, tuple[float, float]]]:
@@ -392,10 +384,10 @@ class World:
             if marker.covered_mm is None or not marker.covered_mm[0] <= cut_mm < marker.covered_mm[1]
         }
 
-    def sheath_point_mm(self, before_end_mm: float) -> tuple[float, float, float]:
+    def sheath_point_mm(self, before_end_mm: float = 0.0) -> tuple[float, float, float]:
         """Return the point (x, y, z) of the sheath's axis this far before its end."""
         origin_mm = self.description.sheath_tip_at_origin_linear_mm
-        return self._hole.sheath_point_mm(self._axes.linear_mm - origin_mm - before_end_mm)
+        return self._hole.sheath_point_mm(self._linear_mm - origin_mm - before_end_mm)
 
     def _enter_hole(self, specimen: GelBlock, number: int | None, position_mm: float) -> None:
         place = (number, position_mm)
@@ -404,19 +396,16 @@ class World:
         self._hole = specimen.holes[place]
 
     def _refuse_if_stuck(self, action: str) -> None:
-        needle_mm = 0.0 if self._needle_id is None else max(0.0, self._axes.insertion_mm)
-        depth_mm = self._axes.linear_mm + needle_mm
+        needle_mm = 0.0 if self._needle_id is None else max(0.0, self._insertion_mm)
+        depth_mm = self._linear_mm + needle_mm
         if self._specimen is not None and depth_mm > _STUCK_MM:
             message = f"{action} while the instrument stands {depth_mm:.1f} mm deep in {self._specimen.name}"
             raise InputError(message, f"withdraw needle and sheath to {_STUCK_MM} mm or less first")
 
-    def _sheath_tip_mm(self) -> tuple[float, float, float]:
-        return self.sheath_point_mm(0.0)
-
     def _needle_span(self) -> PathSpan:
         """Return the part of the track between the sheath's tip and the needle's."""
-        sheath_mm = self._axes.linear_mm - self._hole.track_linear_mm
-        arrives_mm = self._axes.insertion_mm * (1.0 - self._hole.slip_fraction)
+        sheath_mm = self._linear_mm - self._hole.track_linear_mm
+        arrives_mm = self._insertion_mm * (1.0 - self._hole.slip_fraction)
         return PathSpan(sheath_mm, sheath_mm + arrives_mm, self._bevel_rad)
 
     def _scene_name(self) -> str:
@@ -428,7 +417,7 @@ class World:
 
     def _draw_light(self, scene: str) -> Field32:
         """Return the blurred picture before noise."""
-        world, hole, linear_mm = self.description, self._hole, self._axes.linear_mm
+        world, hole, linear_mm = self.description, self._hole, self._linear_mm
         if self._covering is not None:
             _, draw = self._covering
             return self._draw_once("covering", self._covering, lambda: blur(draw(), world.blur_px))

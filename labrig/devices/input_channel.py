@@ -1,5 +1,6 @@
 """Analog and digital inputs of a drive that a rig file names: what is wired to them, and what stops a run."""
 
+import math
 from collections.abc import Iterable
 from typing import Annotated
 
@@ -85,12 +86,8 @@ class InputChannel(Model):
         value : float or bool
             What it reads.
         """
-        is_beyond = (
-            self.expected is not None and value is not self.expected
-            if isinstance(value, bool)
-            else self.limits is not None and not self.limits[0] <= value <= self.limits[1]
-        )
-        if not is_beyond:
+        low, high = self.limits or (-math.inf, math.inf)
+        if self.expected in {None, value} if isinstance(value, bool) else low <= value <= high:
             return None
         return ForceGuardError(
             f"input {name} is {self.format_value(value)}, {self.format_limits()} "

@@ -10,7 +10,6 @@ from labrig.devices.camera import (
     RigKind,
     Setting,
 )
-from labrig.errors import CameraError
 from labrig.simulation.world import World
 
 REFERENCE_EXPOSURE_US = 8000.0
@@ -79,10 +78,7 @@ class SimulatedCameraDescription(ControlledCameraDescription):
 
     def open(self, context: CameraContext) -> SimulatedSource:
         """Return a camera that sees the world."""
-        if context.world is None:
-            raise CameraError(
-                "a simulated camera needs a simulated world", "use it on a rig of kind simulated"
-            )
+        assert context.world is not None  # by `rig_kinds`
         return SimulatedSource(context.world, context.clock)
 
 

@@ -32,12 +32,13 @@ _CAMERA = 0x009A0900
 
 @dataclass(frozen=True)
 class Control:
-    """One control: its id, the units of the setting per step, and the automatic mode that must be off first."""
+    """One control: its id, units of the setting per step, the automatic mode that must be off first, and its menu."""
 
     identifier: int
     units_per_step: int = 1
     automatic: int | None = None
     manual: int = 0
+    menu: tuple[int, ...] = ()
 
 
 CONTROLS = {
@@ -45,11 +46,9 @@ CONTROLS = {
     "gain": Control(_USER + 19, automatic=_USER + 18),
     "white_balance_k": Control(_USER + 26, automatic=_USER + 12),
     "focus": Control(_CAMERA + 10, automatic=_CAMERA + 12),
-    "mains_hz": Control(_USER + 24),
+    "mains_hz": Control(_USER + 24, menu=(0, 50, 60)),
 }
 """Setting of the rig file -> control."""
-
-_MAINS_MENU = {0: 0, 50: 1, 60: 2}
 
 
 class V4l2Controls:
@@ -96,7 +95,8 @@ class V4l2Controls:
         control = CONTROLS[name]
         if control.automatic is not None and self._request(GET_CONTROL, control.automatic, 0) is not None:
             self._request(SET_CONTROL, control.automatic, control.manual)
-        step = _MAINS_MENU[int(value)] if name == "mains_hz" else int(value) // control.units_per_step
+        menu = control.menu
+        step = menu.index(int(value)) if menu else int(value) // control.units_per_step
         if self._request(SET_CONTROL, control.identifier, step) is None:
             raise CameraError(
                 f"camera {self._device} does not accept {name} = {value:g}",
@@ -109,8 +109,8 @@ class V4l2Controls:
         step = self._request(GET_CONTROL, control.identifier, 0)
         if step is None:
             return None
-        if name == "mains_hz":
-            return {menu: hertz for hertz, menu in _MAINS_MENU.items()}.get(step)
+        if control.menu:
+            return control.menu[step] if 0 <= step < len(control.menu) else None
         return step * control.units_per_step
 
     def close(self) -> None:

@@ -57,8 +57,10 @@ def main() -> int:
             count = (asked.sample + number) // len(asked.rooms)
             tests, limit_s = _time_tests(room)
             for file, name, occurrence in sorted(random.Random(asked.seed).sample(places, count)):
+                imported = f"{room}.{file.stem} import"
+                first = sorted(tests, key=lambda test: imported not in Path(test).read_text(encoding="utf-8"))
                 with use_mutation(file, OPERATORS[name], occurrence) as codes:
-                    end = _try_tests(sorted(tests, key=lambda test: file.stem not in test), limit_s)
+                    end = _try_tests(first, limit_s)
                 ends[end] += 1
                 before, after = (code.split("\n") for code in codes)
                 change = list(unified_diff(before, after, n=0, lineterm=""))[2:]

@@ -49,12 +49,9 @@ def test_bits_that_name_no_state_do_not_matter() -> None:
     [
         (0x0000, DriveState.NOT_READY),
         (0x0250, DriveState.SWITCH_ON_DISABLED),
-        (0x0340, DriveState.SWITCH_ON_DISABLED),
         (0x0231, DriveState.READY_TO_SWITCH_ON),
-        (0x0321, DriveState.READY_TO_SWITCH_ON),
         (0x0633, DriveState.SWITCHED_ON),
         (0xC737, DriveState.OPERATION_ENABLED),
-        (0x8737, DriveState.OPERATION_ENABLED),
         (0x0317, DriveState.QUICK_STOP_ACTIVE),
         (0x003F, DriveState.FAULT_REACTION),
         (0x0638, DriveState.FAULT),

@@ -132,7 +132,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._scale = section.scale()
         self.journal: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
         self._forced_inputs = 0
-        self._analog_mv: dict[str, float] = {}
+        self._analog_mv: dict[str, int] = {}
         self._lasting_errors: set[int] = set()
         self._boot_time_s = boot_time_s
         self._ready_s = clock.now_s()
@@ -218,7 +218,7 @@ class SimulatedCia402Drive(CanopenNode):
         """Put an analog input at a voltage [mV], or switch a digital input on (not 0) or off (0)."""
         bit = self.section.digital_inputs.get(name)
         if bit is None:
-            self._analog_mv[name] = value
+            self._analog_mv[name] = round(value)
             return
         self._forced_inputs = self._forced_inputs & ~(1 << bit) | bool(value) << bit
         self._done_s = -math.inf
@@ -313,10 +313,6 @@ class SimulatedCia402Drive(CanopenNode):
         mask = self._model.input_mask
         return self._read_inputs() & (-1 if mask is None else self._values(mask))
 
-    def _read_analog_mv(self, name: str) -> int:
-        """Return the voltage at an analog input [mV]; 0 where nothing is wired."""
-        return round(self._analog_mv.get(name, 0.0))
-
     def _read_current_ma(self) -> float:
         """Return the motor current [mA]; 0 without power."""
         if not self.is_powered():
@@ -364,7 +360,7 @@ class SimulatedCia402Drive(CanopenNode):
             model.current_ma: lambda: round(self._read_current_ma()),
             model.following_error: lambda: round(self.shaft.demand - self.shaft.actual),
             model.inputs: self._read_masked_inputs,
-            **{place: partial(self._read_analog_mv, name) for name, place in model.analog.items()},
+            **{place: partial(self._analog_mv.get, name, 0) for name, place in model.analog.items()},
         }
         return {place: read for place, read in live.items() if place is not None}
 

@@ -22,5 +22,6 @@ What is decided here
   0x2071:01; ranges of 0x2070; the default of 0x6007; whether the attained bit of a homing outlives power off, as here.
 - Left out is what labrig's driver does not use: other modes than profile position and homing, set-points that wait or
   are relative, PDOs that are received, requested or sent on change, node guarding, storing, homing to the home switch
-  alone, another reaction to a lost heartbeat than a fault, errors older than the newest, and SDO transfers of more than four bytes, in segments or in blocks.
+  alone, another reaction to a lost heartbeat than a fault, errors older than the newest, and SDO transfers of more than
+  four bytes, in segments or in blocks.
 """

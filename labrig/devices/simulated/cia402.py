@@ -132,7 +132,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._scale = section.scale()
         self.journal: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
         self._forced_inputs = 0
-        self._analog_mv: dict[str, int] = {}
+        self._analog_mv = dict.fromkeys(self._model.analog, 0)
         self._lasting_errors: set[int] = set()
         self._boot_time_s = boot_time_s
         self._ready_s = clock.now_s()
@@ -360,7 +360,7 @@ class SimulatedCia402Drive(CanopenNode):
             model.current_ma: lambda: round(self._read_current_ma()),
             model.following_error: lambda: round(self.shaft.demand - self.shaft.actual),
             model.inputs: self._read_masked_inputs,
-            **{place: partial(self._analog_mv.get, name, 0) for name, place in model.analog.items()},
+            **{place: partial(self._analog_mv.__getitem__, name) for name, place in model.analog.items()},
         }
         return {place: read for place, read in live.items() if place is not None}
 

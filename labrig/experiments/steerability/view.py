@@ -4,6 +4,7 @@ Of a run that was measured they are the result's. While a run is made, its pictu
 measures them, but for what only the whole run tells: a sheath that was elsewhere, and the drift of the camera.
 """
 
+from collections.abc import Sequence
 from functools import partial
 
 import rerun as rr
@@ -27,22 +28,12 @@ from labrig.vision.curvature import FloatArray
 _OVERVIEWS = (("/radii", "Radius of each hole (mm)"),)
 
 
-class _Radii:
-    """Draws the radii of final pictures, in a colour for each gel."""
-
-    def __init__(self) -> None:
-        self._gels: list[str] = []
-
-    def draw(self, stream: rr.RecordingStream, gel: str, radius_mm: float, t_s: float) -> None:
-        """Draw the radius in a hole of a gel."""
-        place = rr.new_entity_path(["radii", gel])
-        if gel not in self._gels:
-            colour = mark(len(self._gels)).rgba
-            self._gels.append(gel)
-            points = rr.SeriesPoints(colors=[colour], marker_sizes=[5.0], markers=["circle"], names=[gel])
-            stream.log(place, points, static=True)
-        set_time(stream, t_s)
-        stream.log(place, rr.Scalars(radius_mm))
+def _draw_radius(stream: rr.RecordingStream, gels: Sequence[str], gel: str, radius_mm: float) -> None:
+    """Draw the radius in a hole of a gel, in the colour of that gel."""
+    place, colour = rr.new_entity_path(["radii", gel]), mark(gels.index(gel)).rgba
+    points = rr.SeriesPoints(colors=[colour], marker_sizes=[5.0], markers=["circle"], names=[gel])
+    stream.log(place, points, static=True)
+    stream.log(place, rr.Scalars(radius_mm))
 
 
 def make_view(run: Run, result: AnalysisResult[CurvatureResult]) -> View:
@@ -51,12 +42,12 @@ def make_view(run: Run, result: AnalysisResult[CurvatureResult]) -> View:
 
 
 def _send(run: Run, content: CurvatureResult, stream: rr.RecordingStream, _timeline: str) -> None:
-    radii = _Radii()
+    gels = [gel.name for gel in content.specimens]
     for measured in content.measurements:
         is_final = measured.role == NeedleRole.FINAL and measured.accepted
         if is_final and measured.specimen is not None and measured.radius_mm is not None:
-            t_s = run.frame_lines[measured.frame].t_s
-            radii.draw(stream, measured.specimen, measured.radius_mm, t_s)
+            set_time(stream, run.frame_lines[measured.frame].t_s)
+            _draw_radius(stream, gels, measured.specimen, measured.radius_mm)
 
 
 def follow(run: Run) -> View:
@@ -78,13 +69,13 @@ class _Measuring:
         self._plane = load_plane_map(run)
         self._settings = make_settings(protocol)
         self._mask = load_mask_of_run(run)
-        self._gels: dict[int | None, str] = {}
-        self._radii = _Radii()
+        self._gels = [gel.name for gel in protocol.specimens]
+        self._by_trial: dict[int | None, str] = {}
 
     def draw(self, stream: rr.RecordingStream, _timeline: str, lines: RecordLines) -> None:
         """Measure the pictures of the needle, and draw shaft and radius."""
         for event in parse_events(self._run.path, lines.events, (SpecimenTrialStart,)):
-            self._gels[event.trial] = event.specimen
+            self._by_trial[event.trial] = event.specimen
         for picture in lines.pictures:
             set_time(stream, picture.line.t_s)
             draw_shaft(stream, self._measure(stream, picture) if picture.line.role in MEASURED_ROLES else [])
@@ -93,5 +84,5 @@ class _Measuring:
         """Draw the radius of a final picture, and return the centre line in pixels."""
         line, measured = picture.line, measure_picture(picture, self._plane, self._settings, self._mask)
         if _is_final(line) and measured.accepted and measured.radius_mm is not None:
-            self._radii.draw(stream, self._gels.get(line.trial, ""), measured.radius_mm, line.t_s)
+            _draw_radius(stream, self._gels, self._by_trial[line.trial], measured.radius_mm)
         return [] if measured.line is None else [measured.line.px]

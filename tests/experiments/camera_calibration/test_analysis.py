@@ -50,6 +50,8 @@ def test_lens_and_plane_are_found_and_written(run: Run, analysed: tuple[Calibrat
     assert lens.board_warp.sentence() in page
     assert content.plane is not None
     assert content.plane["view"] in page
+    assert content.corners.keys() == {view["image"] for view in content.intrinsics["views"] if view["used"]}
+    assert {len(pixels) for pixels in content.corners.values()} == {54}
     assert read_camera(folder / "plane.json").settings == {"pixel_format": "GREY", "focus": 0}
 
 
@@ -81,15 +83,6 @@ def test_a_scale_five_times_that_of_the_rig_is_refused(tmp_path: Path) -> None:
     assert any("px apart" in reason for reason in refused.reasons)
     told, _ = _analyse(run, "plane.distance_mm=116")
     assert told.accepted, told.reasons
-
-
-def test_the_corners_of_each_used_photograph_are_kept(analysed: tuple[CalibrationResult, Path]) -> None:
-    """The result holds the 9 x 6 corners of each photograph that was used."""
-    content, _ = analysed
-    assert content.intrinsics is not None
-    used = {view["image"] for view in content.intrinsics["views"] if view["used"]}
-    assert content.corners.keys() == used
-    assert {len(pixels) for pixels in content.corners.values()} == {54}
 
 
 @pytest.mark.parametrize(("views", "why"), [(0, "no picture of the board"), (1, "in any of 1 picture")])

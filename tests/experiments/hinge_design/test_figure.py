@@ -9,19 +9,14 @@ from labrig.needle.hinge import Hinge
 from labrig.needle.rotation_search import GridPoint
 from labrig.protocol.design_file import PAPER_TUBE
 
-CELLS = tuple(
-    GridPoint(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)
-    for d in (0.01, 0.025, 0.04)
-    for cut in (0.0, 4.0, 8.0)
-)
+CELLS = tuple(GridPoint(d, cut, 8.0 + cut, 2.0) for d in (0.01, 0.025, 0.04) for cut in (0.0, 4.0, 8.0))
 
 
-def test_the_same_cells_give_the_same_figure() -> None:
-    """The same data give the same drawing, with both planes named."""
-    first = draw_hinge_figure(CELLS, EQUATION_3, "rotations")
-    assert draw_hinge_figure(CELLS, EQUATION_3, "rotations") == first
-    assert "equation (3)" in first
-    assert "our contour" in first
+def test_both_planes_are_named() -> None:
+    """The legend tells our contour from equation (3)."""
+    drawn = draw_hinge_figure(CELLS, EQUATION_3, "rotations")
+    assert "equation (3)" in drawn
+    assert "our contour" in drawn
 
 
 def test_the_section_shows_both_links_with_the_laser_between_them() -> None:

@@ -1,17 +1,13 @@
 """The analysis of an insertion run: errors by the shaft, and estimates from the recorded pictures."""
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from labrig.devices.camera import Exposure, PictureSource
 from labrig.errors import InputError
 from labrig.record.reader import open_run
 from tests.analysis.insertions import analyse, analyse_recorded, observations, record_insertion
-from tests.experiments.insertion.test_procedure import EVEN, insertion, open_certified_rig
 
 
 def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
@@ -73,34 +69,3 @@ def test_insertions_that_missed_are_counted_with_their_causes() -> None:
     assert (content.made, content.arrived, content.reached) == (2, 0, False)
     assert content.causes == {"target_missed": 2}
     assert content.target_error_mm == max(insertion.target_error_mm or 0 for insertion in content.insertions)
-
-
-class _CoveredSource:
-    """A camera that is covered from its eighth exposure to its tenth."""
-
-    def __init__(self, source: PictureSource) -> None:
-        self.exposures = 0
-        self._source = source
-        self.set, self.get, self.close = source.set, source.get, source.close
-
-    def read(self) -> Exposure | None:
-        """Return the picture, or that of the cover."""
-        exposure = self._source.read()
-        self.exposures += 1
-        if exposure is None or not 8 <= self.exposures <= 10:
-            return exposure
-        return replace(exposure, image=np.full_like(exposure.image, 100 + self.exposures))
-
-
-def test_an_insertion_whose_tip_was_lost_from_sight_comes_out_as_it_was(tmp_path: Path) -> None:
-    """After misses the analysis widens its search exactly as the live run did."""
-    protocol = insertion()
-    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
-        camera = opened.opened.rig.camera
-        camera._source = _CoveredSource(camera._source)
-        _, run = opened.conduct(protocol)
-    misses = [observation["misses"] for observation in observations(run)]
-    assert max(misses) >= 3
-    assert misses[-1] == 0
-    content = analyse(run)
-    assert content.insertions[0].as_recorded

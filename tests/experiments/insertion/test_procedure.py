@@ -277,7 +277,10 @@ def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -
 def test_an_insertion_that_does_not_arrive_ends_with_its_reason_and_the_needle_out(
     tmp_path: Path, overrides: Words, world: Words, reason: str, told: str, deepest_mm: float | None
 ) -> None:
-    """The run fails with exit code 1; a person is asked where nobody knows why; without a path nothing moves at all."""
+    """The run fails with exit code 1; a person is asked where nobody knows why; without a path nothing moves at all.
+
+    The analysis estimates as the run did, also where the tip was lost from sight.
+    """
     with open_certified_rig(tmp_path, insertion(*overrides), world) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(insertion(*overrides))
@@ -293,6 +296,9 @@ def test_an_insertion_that_does_not_arrive_ends_with_its_reason_and_the_needle_o
         assert events(run, "move") == []
         return
     assert list(run.trials["stop"]) == [reason]
+    made = analyze_run(run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE)
+    assert isinstance(made.content, InsertionResult)
+    assert made.content.insertions[0].as_recorded
     assert run.states["insertion_mm"].max() < deepest_mm
     assert run.states.iloc[-1][["insertion_mm", "linear_mm"]].abs().max() < 0.05
     assert (reason == "sheath_astray") != any(isinstance(request, ConfirmPlan) for request in watched.asked)

@@ -45,15 +45,9 @@ def test_a_seed_gives_the_same_insertion_again_and_another_seed_another() -> Non
     assert first.values != other.values
 
 
-def test_a_target_behind_a_wall_is_a_failure_with_the_reason_of_a_run() -> None:
-    """No path is no error: the outcome says so, and has no values."""
-    wall = "obstacles=[{position_mm: [0, 0, 40], radius_mm: 30}]"
-    outcome = simulate(wall, "planner.max_arcs=2")
-    assert (outcome.exit_status, outcome.reason) == ("failed", "no_path")
-    assert outcome.values == {}
-
-
-def test_what_takes_pictures_is_refused_with_the_way_out() -> None:
-    """A bench without a simulated world is refused."""
+def test_no_path_is_an_outcome_and_a_bench_without_a_world_is_refused() -> None:
+    """The outcome has the reason of a run, and no values."""
+    outcome = simulate("obstacles=[{position_mm: [0, 0, 40], radius_mm: 30}]", "planner.max_arcs=2")
+    assert (outcome.exit_status, outcome.reason, outcome.values) == ("failed", "no_path", {})
     with pytest.raises(InputError, match="a virtual run needs a rig"):
         run_simulation(find_experiment("insertion"), protocol(), None, 1)

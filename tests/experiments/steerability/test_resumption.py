@@ -78,13 +78,8 @@ def test_what_may_have_changed_is_asked_for_again(tmp_path: Path, protocol: Stee
         outcome, _ = _go_on(at, protocol, run)
     assert outcome.exit_status == "success"
     assert [type(request).__name__ for request in watched.asked] == [
-        "WithdrawNeedle",
-        "ConfirmUnchanged",
-        "MountNeedle",
-        "ConfirmAxesAtZero",
-        "PlaceSpecimen",
-        "ShiftToHole",
-    ]
+        "WithdrawNeedle", "ConfirmUnchanged", "MountNeedle", "ConfirmAxesAtZero", "PlaceSpecimen", "ShiftToHole",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("is_referenced", [True, False])

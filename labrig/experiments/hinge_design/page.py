@@ -23,8 +23,6 @@ def make_page(_run: Run, _protocol: DesignProtocol, result: AnalysisResult[Desig
         "section": _draw_section(content),
         "figure": draw_hinge_figure(content.cells, search.fit, "rotations"),
         "warnings": list(list_warnings(content))[:-1],
-        "b_percent": 100 * (search.fit.b / content.equation_3.b - 1),
-        "cut_deg": None if search.beta_cut_deg is None else search.beta_cut_deg - content.beta_cut_deg,
     }
     return Page(TEMPLATE, shown=shown)
 

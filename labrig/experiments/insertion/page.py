@@ -29,14 +29,6 @@ TEMPLATE = Path(__file__).with_name("page.html.jinja")
 # At most this many insertions are shown picture by picture, misses first.
 _SHOWN = 4
 _MOST_PANELS = 8
-_OCCASIONS = {
-    "start": "the first plan",
-    "origin": "planned from where the sheath was found",
-    "markers": "planned to where the markers have moved it",
-    "schedule": "planned anew as the protocol says",
-    "deviation": "planned anew: the rest of the path would have missed",
-    "near": "planned anew near the target, as at each picture from here on",
-}
 
 
 @dataclass(frozen=True)
@@ -66,20 +58,14 @@ def make_page(run: Run, _protocol: InsertionProtocol, result: AnalysisResult[Ins
 def _collect_content(run: Run, content: InsertionResult, plane: PlaneMap) -> dict[str, Any]:
     events = read_scenes(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
+    noise = content.sighting_noise
     return {
         "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
-        "sources": [trial for trial in content.insertions if trial.target_error_sources_mm is not None],
-        "markers": [trial for trial in content.insertions if trial.markers],
-        "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
         "shown": [
             _draw_insertion(run, trial, events.get(trial.trial, ()), plane)
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
-        "left_out": max(0, len(content.insertions) - _SHOWN),
-        "noise_told": describe_sighting_noise(
-            None if content.sighting_noise is None else vars(content.sighting_noise)
-        ),
-        "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
+        "noise_told": describe_sighting_noise(None if noise is None else vars(noise)),
     }
 
 
@@ -95,7 +81,7 @@ def _draw_insertion(
             frame = _find_scene(run, trial.trial) if event.frame is None else event.frame
             strokes = *scene.draw_places(), *scene.former, *scene.draw_ways()
             title = f"{event.depth_mm:.1f} mm, {event.t_s - trial.start_t_s:.0f} s"
-            panels += _draw_panel(run, frame, strokes, plane, (title, _OCCASIONS[event.because]))
+            panels += _draw_panel(run, frame, strokes, plane, (title, event.because))
     if trial.final_frame is not None:
         seconds = run.frame_lines[trial.final_frame].t_s - trial.start_t_s
         strokes = (

@@ -66,8 +66,6 @@ def make_curvature_page(
                 ),
                 (None, None, [sheet for sheet in sheets if sheet[0].trial is None]),
             ],
-            "simulated": any(gel.true_mean_radius_mm is not None for gel, _ in gels),
-            "roll_sd_deg": content.settings.roll_sd_deg,
         },
     )
 

@@ -49,5 +49,5 @@ def test_no_path_is_an_outcome_and_a_bench_without_a_world_is_refused() -> None:
     """The outcome has the reason of a run, and no values."""
     outcome = simulate("obstacles=[{position_mm: [0, 0, 40], radius_mm: 30}]", "planner.max_arcs=2")
     assert (outcome.exit_status, outcome.reason, outcome.values) == ("failed", "no_path", {})
-    with pytest.raises(InputError, match="a virtual run needs a rig"):
+    with pytest.raises(InputError, match="in the world of a simulated rig"):
         run_simulation(find_experiment("insertion"), protocol(), None, 1)

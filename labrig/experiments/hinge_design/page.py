@@ -9,29 +9,19 @@ from labrig.experiments.hinge_design.result import DesignResult
 from labrig.experiments.hinge_design.summary import list_findings, list_warnings
 from labrig.needle.hinge import Hinge
 from labrig.record.reader import Run
-from labrig.report.figures import DrawnFigure
 from labrig.report.page import Page
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
 
 def make_page(_run: Run, _protocol: DesignProtocol, result: AnalysisResult[DesignResult]) -> Page:
-    """Return the page of a design: both answers, figure 3, and the searched grid."""
-    content, search = result.content, result.content.search
+    """Return the page of a design: both answers, the hinge if our contour has an answer, and figure 3."""
+    content, cut_deg = result.content, result.content.search.beta_cut_deg
+    hinge = None if cut_deg is None else Hinge(content.tube, content.clearance_mm, cut_deg)
     shown = {
         "sentences": list_findings(content),
-        "section": _draw_section(content),
-        "figure": draw_hinge_figure(content.cells, search.fit, "rotations"),
+        "section": None if hinge is None else draw_section(hinge, "section"),
+        "figure": draw_hinge_figure(content.cells, content.search.fit, "rotations"),
         "warnings": list(list_warnings(content))[:-1],
     }
     return Page(TEMPLATE, shown=shown)
-
-
-def _draw_section(content: DesignResult) -> DrawnFigure | None:
-    """Return the drawing of the hinge on our contour; None if that has no answer."""
-    cut_deg = content.search.beta_cut_deg
-    return (
-        None
-        if cut_deg is None
-        else draw_section(Hinge(content.tube, content.clearance_mm, cut_deg), "section")
-    )

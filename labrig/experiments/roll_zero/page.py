@@ -44,8 +44,6 @@ def _collect_content(run: Run, result: RollZeroResult) -> dict[str, Any]:
         ],
         "figure": _draw_figure(result, "roll-zero") if result.rolls_rad else None,
         "shots": shots,
-        "unseen": len(shots) - len(result.rolls_rad),
-        "torsion_fit": None if result.torsion is None else result.torsion.fit,
         "degrees": math.degrees,
     }
 

@@ -142,7 +142,7 @@ def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
         with pytest.raises(InputError, match="axis insertion is not open"):
             rig.axis("insertion")
         rig.close()
-        assert drive.objects.values[od.CURRENT_LIMIT] == 10_000
+        assert drive.objects.values[od.CURRENT_LIMIT] == 25_000
 
 
 def test_a_fault_is_reset_only_on_confirmation() -> None:

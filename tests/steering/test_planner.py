@@ -223,15 +223,20 @@ def test_obstacles_off_the_plane_count_by_their_cut() -> None:
     assert np.array_equal(plan_path(far).psi, free.psi)
 
 
-@pytest.mark.parametrize("roll_rad", [0.0, math.pi])
-def test_the_room_is_the_clearance_of_the_tightest_bend(roll_rad: float) -> None:
-    """It is the clearance of one arc that bends away from an obstacle; those behind and off the plane take none."""
+@pytest.mark.parametrize(
+    ("roll_rad", "y_mm", "z_mm", "away_rad"),
+    [(0.0, 2.0, 33.0, 0.0), (math.pi, 2.0, 33.0, math.pi), (math.pi, 20.0, 16.0, 0.0)],
+)
+def test_the_room_is_the_clearance_of_the_tightest_bend(
+    roll_rad: float, y_mm: float, z_mm: float, away_rad: float
+) -> None:
+    """Of one arc that bends away from an obstacle, to where the path passes it; behind and off the plane is none."""
     behind, beside = Obstacle((0.0, 9.0, -2.0), 6.0), Obstacle((8.0, 0.0, 30.0), 6.0)
-    spheres = (Obstacle((1.0, 2.0, 33.0), 6.0), behind, beside)
+    spheres = (Obstacle((1.0, y_mm, z_mm), 6.0), behind, beside)
     around = Surroundings(PlanProblem((0.0, 0.0, 90.0), spheres, planar=True))
     psi = np.array([[(1.2, roll_rad)]])
-    along = integrate_path([(roll_rad, 1.2)], around.problem.radius_mm)
-    in_plane = along - (0.0, 2.0, 33.0)
+    along = integrate_path([(away_rad, 1.2)], around.problem.radius_mm)
+    in_plane = along - (0.0, y_mm, z_mm)
     disc_radius_mm = math.sqrt(6.6**2 - 1.0)
     room_mm = np.linalg.norm(in_plane, axis=1).min() - disc_radius_mm
     found_mm = find_least_rooms(psi, path_frames(psi, around.problem.radius_mm), around)

@@ -25,6 +25,7 @@ def test_a_closed_run_gives_back_what_was_recorded(tmp_path: Path) -> None:
     plain = pd.read_json(run.path / "states.jsonl", lines=True)
     assert list(plain["t_s"]) == list(run.states["t_s"])
     assert list(run.trials["start_t_s"]) == [0.0, 10.0]
+    assert list(run.until(10.0).states["t_s"]) == [0.0, 1.0, 2.0]  # the trial that begins then is not in it
     assert list(run.events["kind"]) == ["run_start", *(["trial_start", "trial_stop"] * 2), "run_stop"]
     assert list(run.truth["radius_mm"]) == [27.5, 28.5]
     assert list(run.frame_table["role"]) == ["advance", "final"] * 2

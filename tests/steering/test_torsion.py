@@ -141,3 +141,13 @@ def test_turns_in_one_stretch_of_gel_alternate_the_side() -> None:
     """Two equal parts of the displacement cancel: the second turn goes on in the direction of the first."""
     turns, _, _ = steer([30.0, 40.0, 30.0], TorsionalLag(), TorsionalLag())
     assert turns[0].direction == turns[1].direction
+
+
+@pytest.mark.parametrize(("base_rad", "to_rad"), [(0.0, math.pi), (math.pi, 0.0), (-math.pi, 0.0)])
+def test_back_and_forth_leads_away_from_the_roll_zero_and_back(base_rad: float, to_rad: float) -> None:
+    """The first turn is a positive one; nothing is done about a lag."""
+    path, ahead = [RolledStretch(30.0, base_rad, 0)], [TurnAhead(math.pi, 30.0)]
+    turn = choose_turn(
+        path, base_rad, ahead, TorsionalLag(0.1), WIDE, radius_mm=RADIUS_MM, turning="back_and_forth"
+    )
+    assert (turn.to_rad, turn.overshoot_rad) == (pytest.approx(to_rad), 0.0)

@@ -1,10 +1,9 @@
 """Conditions of a protocol on values that a run measures."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Literal
 
 from labrig.protocol.model import Conflict, Model, Name
-from labrig.protocol.tree import find_closest
 
 
 class Condition(Model):
@@ -37,17 +36,3 @@ class Condition(Model):
         return (self.below is not None and value < self.below) or (
             self.above is not None and value > self.above
         )
-
-
-def explain_unknown_value(name: str, key: str, known: Mapping[str, str]) -> Conflict:
-    """Return what is wrong with a condition on a value that the experiment does not measure.
-
-    Parameters
-    ----------
-    known : mapping
-        The values that it measures, by name, with what each is.
-    """
-    meant = find_closest(name, known)
-    listed = "; ".join(f"{value}, {what}" for value, what in known.items()) or "none"
-    hint = f"did you mean {meant}? " if meant else "limits of axes stand in the rig file; "
-    return Conflict(key, f"no value is named {name}", f"{hint}values of this experiment: {listed}")

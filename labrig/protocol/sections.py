@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field
 
-from labrig.protocol.conditions import Condition, explain_unknown_value
+from labrig.protocol.conditions import Condition
 from labrig.protocol.model import (
     Conflict,
     Direction,
@@ -22,6 +22,7 @@ from labrig.protocol.model import (
     SpeedMmS,
 )
 from labrig.protocol.specimen_file import Percent, SpecimenSection, TracksBySpecimen
+from labrig.protocol.tree import choice_hint
 
 # With fewer, a lag that alternates in sign from roll to roll would shift the fitted zero.
 _LEAST_TURNED_ROLLS = 6
@@ -132,8 +133,8 @@ class JudgedProtocol(MovingProtocol):
         yield from super().conflicts()
         for number, condition in enumerate(self.conditions):
             if condition.value not in self.judged_values:
-                key = f"conditions.{number}.value"
-                yield explain_unknown_value(condition.value, key, self.judged_values)
+                hint = choice_hint(condition.value, self.judged_values)
+                yield Conflict(f"conditions.{number}.value", f"no value is named {condition.value}", hint)
 
 
 class NeedleDesignSection(Model):

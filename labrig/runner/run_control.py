@@ -1,7 +1,7 @@
 """Requests from another terminal to the labrig that makes a run: pause, and continue.
 
-They stand in a file of the run's folder while it is made, which holds one word: `running`, `pause` (asked for),
-`paused`, or `continue` (asked for). The run looks at it wherever it may pause. Who may write there may ask.
+A file stands in the run's folder while the run takes requests. It is empty, or holds `pause` from when a pause is asked
+for until the run is to continue. The run looks at it wherever it may pause. Who may write there may ask.
 """
 
 from pathlib import Path
@@ -9,11 +9,8 @@ from typing import Literal
 
 from labrig.durable import disk_errors, write_and_rename
 from labrig.errors import InputError
-from labrig.input_file import read_file
 from labrig.record.layout import read_manifest, run_control, run_lock
 from labrig.record.lock import read_lock_owner
-
-Order = Literal["pause", "continue"]
 
 
 class RunControl:
@@ -32,34 +29,21 @@ class RunControl:
 
     def __init__(self, run: Path) -> None:
         self._file = run_control(run)
-        self._read_as: tuple[int, int, int] | None = None
-        self._word: str | None = None
         self.note(paused=False)
 
     @property
     def asks_for_pause(self) -> bool:
-        """Whether a pause is asked for."""
-        return self._read_if_changed() == "pause"
+        """Whether the run is to pause, or to stay paused."""
+        return _is_paused(self._file) is True
 
     @property
     def asks_to_continue(self) -> bool:
-        """Whether a pause is to end."""
-        return self._read_if_changed() == "continue"
+        """Whether a pause is to end; without the file nobody has said so."""
+        return _is_paused(self._file) is False
 
     def note(self, *, paused: bool) -> None:
         """Say whether the run is paused; the requests so far are met."""
-        write_and_rename(self._file, b"paused" if paused else b"running", sync=False)
-
-    def _read_if_changed(self) -> str | None:
-        """Return the word; the run looks ten times a second, and each request is another file."""
-        try:
-            found = self._file.stat()
-        except OSError:
-            return None
-        stands = found.st_ino, found.st_mtime_ns, found.st_size
-        if stands != self._read_as:
-            self._read_as, self._word = stands, _read(self._file)
-        return self._word
+        write_and_rename(self._file, b"pause" if paused else b"", sync=False)
 
     def close(self) -> None:
         """Take no more requests."""
@@ -67,15 +51,15 @@ class RunControl:
             self._file.unlink(missing_ok=True)
 
 
-def _read(file: Path) -> str | None:
-    """Return the word in the file of a run; None where there is none to be read, as of a run that cannot pause."""
+def _is_paused(file: Path) -> bool | None:
+    """Return whether a pause is asked for; None where there is no file, as of a run that cannot pause."""
     try:
-        return read_file(file).decode("utf-8", "replace")
+        return file.stat().st_size > 0
     except OSError:
         return None
 
 
-def ask_run(run: Path, order: Order) -> str:
+def ask_run(run: Path, order: Literal["pause", "continue"]) -> str:
     """Ask the labrig that makes a run to pause or to continue; return what comes of it as a sentence.
 
     Raises
@@ -87,26 +71,17 @@ def ask_run(run: Path, order: Order) -> str:
     DiskError
         When the request cannot be written.
     """
-    ended = read_manifest(run).get("exit_status")
-    owner = read_lock_owner(run_lock(run))
+    ended, owner = read_manifest(run).get("exit_status"), read_lock_owner(run_lock(run))
     if owner is None or ended not in {"incomplete", None}:
         how = "was interrupted" if ended in {"incomplete", None} else f"has ended: {ended}"
         raise InputError(f"{run} is not being made: it {how}", "labrig runs lists the runs that are going on")
-    match order, (stands := _read(file := run_control(run))):
-        case _, None:
-            raise InputError(
-                f"{run} takes no requests: it is made by {owner}",
-                "only labrig run and resume can be paused",
-            )
-        case "pause", "paused":
-            return "the run is paused already"
-        case "pause", _:
-            write_and_rename(file, b"pause", sync=False)
-            return "the run pauses at its next safe point, which its own terminal names"
-        case "continue", "paused":
-            write_and_rename(file, b"continue", sync=False)
-            return "the run continues"
-        case "continue", "pause":
-            write_and_rename(file, b"running", sync=False)
-            return "the pause that was asked for is taken back"
-    raise InputError(f"{run}: the run is not paused but {stands}", "labrig pause RUN pauses it")
+    paused = _is_paused(file := run_control(run))
+    if paused is None:
+        hint = "only labrig run and resume can be paused"
+        raise InputError(f"{run} takes no requests: it is made by {owner}", hint)
+    if order == "continue" and not paused:
+        raise InputError(f"{run}: the run is not paused", "labrig pause RUN pauses it")
+    write_and_rename(file, b"pause" if order == "pause" else b"", sync=False)
+    if order == "continue":
+        return "the run continues"
+    return "the run pauses at its next safe point, which its own terminal names, or is paused already"

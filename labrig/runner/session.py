@@ -8,7 +8,7 @@ question, `labrig pause`) to the next safe point, to an event of the record, to 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -462,7 +462,7 @@ class Session:
         taken = self.rig.take_picture()
         self.dialogue.calls += 1
         times = {"t_bound_s": taken.t_bound_s, "fraction": taken.fraction}
-        known = {name: value for name, value in times.items() if value is not None} | asdict(taken.positions)
+        known = {name: value for name, value in times.items() if value is not None} | vars(taken.positions)
         number = self._write(
             partial(self.recorder.frame, taken.image, taken.t_s, trial=trial, role=role, **known)
         )

@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from labrig.devices.axis_description import AXES, AxisDescription
 from labrig.devices.axis_positions import AxisPositions
@@ -77,27 +78,12 @@ class _Axis:
     def find_passing_s(self, now_s: float, passing: float) -> float:
         """Return when it is at a position on its way up; its arrival if it never gets there."""
         end_s, target = self.motion.end_s, passing + self._zero
-        if self.motion.end_position < target:
-            return end_s
-        for segment in self.motion.segments:
-            if segment.end[0] >= target:
-                return max(
-                    now_s,
-                    segment.start_s
-                    + _find_duration_s(segment.velocity, segment.acceleration, target - segment.position),
-                )
-        return end_s
+        if self.motion.end_position < target or self.motion.at(now_s)[0] >= target:
+            return end_s if self.motion.end_position < target else now_s
+        return float(brentq(lambda t_s: self.motion.at(t_s)[0] - target, now_s, end_s))
 
     def _round(self, position: float) -> float:
         return self._scale.to_position(self._scale.to_counts(position))
-
-
-def _find_duration_s(velocity: float, acceleration: float, distance: float) -> float:
-    """Return the first time after which a distance ahead is covered."""
-    if distance <= 0.0:
-        return 0.0
-    root = max(velocity**2 + 2 * acceleration * distance, 0.0) ** 0.5
-    return 2 * distance / (velocity + root) if velocity + root > 0.0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,8 @@ def test_a_condition_means_what_it_says(low: float, high: float, value: float) -
         ("{value: radius_mm, above: .nan}", "finite number"),
         ("{value: radius_mm, below: 30, above: 26}", "below is 30, must be at most above, 26"),
         ("{value: radius_mm, above: 3, do: wait}", "must be 'ask' or 'stop'"),
-        ("{value: raduis_mm, above: 3}", "did you mean radius_mm? values of this experiment"),
-        ("{value: max_current_ma, above: 300}", "limits of axes stand in the rig file"),
+        ("{value: raduis_mm, above: 3}", "no value is named raduis_mm did you mean radius_mm?"),
+        ("{value: max_current_ma, above: 300}", "known here: radius_mm, radius_sd_mm"),
     ],
 )
 def test_a_condition_that_cannot_be_judged_is_refused(text: str, told: str) -> None:

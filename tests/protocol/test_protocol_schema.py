@@ -5,12 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
-
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import protocol_schema
-from labrig.protocol.model import Model
-from labrig.protocol.schema import model_schema, schema_text
+from labrig.protocol.schema import schema_text
 
 COMMITTED = Path(__file__).parents[2] / "protocols" / "protocol.schema.json"
 
@@ -75,15 +72,3 @@ def test_every_field_is_described_with_the_unit_that_its_name_ends_with():
         assert re.match("[A-Z].*", field.get("description", "")), name
         unit = next((unit for suffix, unit in SUFFIX_UNITS.items() if name.endswith(suffix)), "")
         assert unit in field["description"], name
-
-
-def test_any_model_has_a_schema_under_the_title_given():
-    """The rig file's schema is made by the same function."""
-
-    class RigModel(Model):
-        gain_db: float = Field(description="Gain [dB].")
-
-    schema: Any = model_schema(RigModel, "labrig rig")
-    assert list(schema)[:2] == ["$schema", "title"]
-    assert schema["title"] == "labrig rig"
-    assert schema["properties"]["gain_db"] == {"description": "Gain [dB].", "type": "number"}

@@ -8,7 +8,6 @@ from labrig.errors import FileFormatError, Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
-from labrig.protocol.yaml_file import load_yaml_model
 
 STEERABILITY = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
 
@@ -29,30 +28,12 @@ def make_problem(*overrides: str) -> Problem:
 
 
 def test_an_override_replaces_one_value_and_leaves_the_rest():
-    """A dotted key reaches into a section; the other values are the file's."""
-    protocol = steerability("insertion.length_mm=30")
-    assert protocol.insertion.length_mm == 30
-    assert protocol.insertion.speed_mm_s == 1
-
-
-def test_an_index_names_the_entry_of_a_list():
-    """Lists are entered by index, counted from zero."""
-    assert steerability("specimens.1.name=gel B").specimens[1].name == "gel B"
-
-
-def test_a_later_override_wins_and_the_seed_option_wins_over_all():
-    """Options are applied from left to right; --seed is put over --set seed."""
-    assert steerability("seed=1", "seed=2").seed == 2
+    """By dotted key or index; from left to right, and --seed last; what is not quoted is text as the shell gave it."""
+    protocol = steerability("insertion.length_mm=30", "specimens.1.name=gel B", "seed=1", "seed=2")
+    assert (protocol.insertion.length_mm, protocol.insertion.speed_mm_s, protocol.seed) == (30, 1, 2)
+    assert [specimen.name for specimen in protocol.specimens][:2] == ["gel 10 %", "gel B"]
     assert steerability("seed=1", "seed=2", seed=3).seed == 3
-
-
-def test_text_is_taken_as_it_stands():
-    """A comment sign, a colon or an equals sign in an override is text, as the shell gave it."""
     assert steerability("notes=gel: old # batch = 3").notes == "gel: old # batch = 3"
-
-
-def test_quotes_brackets_and_braces_are_yaml():
-    """A value can be a list of sections, and a number can be made text."""
     protocol = steerability('needle.needle_id="12"', "specimens=[{name: A, gelatin_percent: 12}]")
     assert protocol.needle.needle_id == "12"
     assert [(specimen.name, specimen.gelatin_percent) for specimen in protocol.specimens] == [("A", 12.0)]
@@ -88,21 +69,13 @@ def test_a_wrong_override_is_told_like_a_wrong_file(override: str, where: str, m
     assert hint in problem.hint
 
 
-def test_a_seed_out_of_range_is_told_at_its_option():
-    """--seed is checked like the seed of the file."""
-    with pytest.raises(FileFormatError, match="--seed seed: seed is -1, must be greater than or equal to 0"):
-        load_protocol(STEERABILITY, PROTOCOL_MODELS, seed=-1)
-
-
-def test_problems_of_the_file_come_before_those_of_the_overrides(tmp_path: Path):
-    """Both are told at once."""
+def test_problems_of_file_overrides_and_seed_are_told_at_once(tmp_path: Path):
+    """Those of the file come first, at its lines; the others at their options."""
     path = tmp_path / "p.yaml"
     text = STEERABILITY.read_text(encoding="utf-8").replace("hole_spacing_mm: 10", "hole_spacing_mm: ten")
     path.write_text(text)
     line = text[: text.index("hole_spacing_mm: ten")].count("\n") + 1
     with pytest.raises(FileFormatError) as caught:
-        load_yaml_model(path, SteerabilityProtocol, ["seed=x"])
-    assert [problem.where.split(" ")[0] for problem in caught.value.problems] == [
-        f"{path}:{line}:1",
-        "--set",
-    ]
+        load_protocol(path, PROTOCOL_MODELS, ["operator=1"], -1)
+    places = [problem.where.split(" ")[0] for problem in caught.value.problems]
+    assert places == [f"{path}:{line}:1", "--set", "--seed"]

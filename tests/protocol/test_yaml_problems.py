@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from labrig.errors import FileFormatError, Problem
+from labrig.errors import FileFormatError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.model import Conflict, Model, Name, Notes, PixelUv
@@ -16,15 +16,21 @@ from labrig.protocol.yaml_text import read_tree
 from tests.protocol_texts import load_text
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
-STEERABILITY = (PROTOCOLS / "steerability.yaml").read_text(encoding="utf-8")
-CALIBRATION = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")
+STEERABILITY, CALIBRATION = (
+    (PROTOCOLS / f"{name}.yaml").read_text(encoding="utf-8") for name in ("steerability", "calibration")
+)
 
 
-def problems_of(text: str) -> tuple[Problem, ...]:
-    """Return the problems of a protocol text."""
+def list_problems(text: str) -> list[tuple[str, str, str, str]]:
+    """Return line, key, message and hint of each problem of a protocol text."""
     with pytest.raises(FileFormatError) as caught:
         load_text(text)
-    return caught.value.problems
+    places = [problem.where.partition(" ") for problem in caught.value.problems]
+    lines = [re.fullmatch(r".*/protocol\.yaml:(\d+):\d+", place) for place, _, _ in places]
+    return [
+        (line[1] if line else "", key, problem.message, problem.hint)
+        for line, (_, _, key), problem in zip(lines, places, caught.value.problems, strict=True)
+    ]
 
 
 def change(old: str, new: str, text: str = STEERABILITY) -> str:
@@ -33,11 +39,7 @@ def change(old: str, new: str, text: str = STEERABILITY) -> str:
     return text.replace(old, new, 1)
 
 
-def line_of(text: str, part: str) -> int:
-    """Return the number of the first line that holds a part."""
-    return next(number for number, line in enumerate(text.splitlines(), start=1) if part in line)
-
-
+# old, new, key, message, hint, and the text of the line that is named if it is not that of the new one
 WRONG = [
     ("length_mm: 40", "length_cm: 4", "insertion.length_cm", "unknown key", "did you mean length_mm?"),
     ("title:", "pitch: 1\ntitle:", "pitch", "unknown key pitch", "known here: schema_version, experiment"),
@@ -45,13 +47,7 @@ WRONG = [
     ("length_mm: 40", 'length_mm: "40"', "insertion.length_mm", 'is "40", must be a valid number', "[mm]"),
     ("diameter_mm: 1.2", "diameter_mm: 1,2", "needle.diameter_mm", 'is "1,2"', "[mm]"),
     ("diameter_mm: 1.2", "diameter_mm: 1200", "needle.diameter_mm", "is 1200, must be", "[mm]"),
-    (
-        "_percent: 10",
-        "_percent: 0.1",
-        "specimens.0.gelatin_percent",
-        "greater than or equal to 1",
-        "[percent]",
-    ),
+    ("_percent: 10", "_percent: 0.1", "specimens.0.gelatin_percent", "greater than or equal to 1", "[percent]"),
     ("length_mm: 40", "length_mm: .nan", "insertion.length_mm", "is NaN", "[mm]"),
     ("seed: 20260", "seed: true", "seed", "is true", ""),
     ("seed: 20260", "seed: 3.0", "seed", "is 3.0, must be a valid integer", ""),
@@ -62,117 +58,70 @@ WRONG = [
     ("schema_version: 1", "schema_version: 2", "schema_version", "is 2, must be 1", "newer labrig"),
     (": steerability\n", ": sterability\n", "experiment", "must be one of", "mean steerability?"),
     (": steerability\n", ": 7\n", "experiment", "is 7, must be one of", "known here: camera-calibration"),
-]
+    # lists are told as a whole or by their entry, choices with the one that was probably meant
+    ("[150, 310]", "[320]", "plane.origin_px", "is [320], must be a list of more entries", "[px]"),
+    ("[150, 310]", "[320, 200, 1]", "plane.origin_px", "should have at most 2", "[px]"),
+    ("[150, 310]", "320", "plane.origin_px", "is 320, must be a valid array", "[px]"),
+    ("[150, 310]", "[320, left]", "plane.origin_px.1", 'origin_px.1 is "left", must be a valid number', ""),
+    ("insertion: right", "insertion: Rihgt", "plane.insertion", "must be 'right', 'left', ", "mean right?"),
+    # values that do not go together
+    ("spacing_mm: 10", "spacing_mm: 14", "hole_spacing_mm", "is at 238 mm, must be at most 217.1", ""),
+    ("spacing_mm: 10", "spacing_mm: 1.2", "hole_spacing_mm", "must be above needle.diameter_mm, 1.2", ""),
+    ("width_mm: 240", "width_mm: 20", "specimen_width_mm", "strays 22.9 mm sideways", ""),
+    ("radius_mm: 30", "radius_mm: 1", "needle.design_radius_mm", "must be above diameter_mm, 1.2", ""),
+    ("diameter_mm: 2.0", "diameter_mm: 1.1", "sheath.diameter_mm", "must be above needle.diameter_mm, 1.2", ""),
+    ("length_mm: 40", "length_mm: 20", "analysis.min_window_mm", "asks for 21 mm of needle", "", "min_window_mm:"),
+    ("gel 13 %", "gel 10 %", "specimens.1.name", 'name "gel 10 %" is taken by specimens.0', "", "gel 13 %"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "key", "message", "hint"), WRONG)
+@pytest.mark.parametrize(("old", "new", "key", "message", "hint", "line"), [(*row, "")[:6] for row in WRONG])
 def test_a_wrong_value_is_told_with_place_value_limit_and_hint(
-    old: str, new: str, key: str, message: str, hint: str
+    old: str, new: str, key: str, message: str, hint: str, line: str
 ):
-    """One fault gives one problem at its line and column, in words that say what to write instead."""
-    text = change(old, new)
-    (problem,) = problems_of(text)
-    place, _, path = problem.where.partition(" ")
-    assert path == key
-    assert re.fullmatch(rf".*/protocol\.yaml:{line_of(text, new.splitlines()[0])}:[0-9]+", place)
-    assert message in problem.message
-    assert hint in problem.hint
-
-
-CONTRADICTIONS = [
-    ("hole_spacing_mm: 10", "hole_spacing_mm: 14", "hole_spacing_mm", "is at 238 mm, must be at most 217.1"),
-    (
-        "hole_spacing_mm: 10",
-        "hole_spacing_mm: 1.2",
-        "hole_spacing_mm",
-        "must be above needle.diameter_mm, 1.2",
-    ),
-    ("width_mm: 240", "width_mm: 20", "specimen_width_mm", "strays 22.9 mm sideways"),
-    ("radius_mm: 30", "radius_mm: 1", "needle.design_radius_mm", "must be above diameter_mm, 1.2"),
-    ("diameter_mm: 2.0", "diameter_mm: 1.1", "sheath.diameter_mm", "must be above needle.diameter_mm, 1.2"),
-    ("length_mm: 40", "length_mm: 20", "analysis.min_window_mm", "asks for 21 mm of needle"),
-    ("gel 13 %", "gel 10 %", "specimens.1.name", 'name "gel 10 %" is taken by specimens.0'),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "key", "message"), CONTRADICTIONS)
-def test_values_that_do_not_go_together_are_told_where_to_change(old: str, new: str, key: str, message: str):
-    """A rule across fields names both values and stands at the line of the first."""
-    text = change(old, new)
-    (problem,) = problems_of(text)
-    assert problem.where.endswith(f" {key}")
-    assert message in problem.message
-    changes = "min_window_mm:" if "min_window" in key else old
-    assert f":{line_of(STEERABILITY, changes)}:" in problem.where
+    """One fault gives one problem at its line, in words that say what to write instead."""
+    base = STEERABILITY if old in STEERABILITY else CALIBRATION
+    text = change(old, new, base)
+    ((told_line, told_key, told_message, told_hint),) = list_problems(text)
+    looked_in, part = (base, line) if line else (text, new.splitlines()[0])
+    first = next(number for number, each in enumerate(looked_in.splitlines(), start=1) if part in each)
+    assert (told_line, told_key) == (str(first), key)
+    assert message in told_message
+    assert hint in told_hint
 
 
 def test_all_problems_of_a_file_are_told_in_its_order():
-    """A file is corrected in one go: nothing is told only after something else is right."""
+    """A file is corrected in one go: nothing is told only after something else is right, and rules hide no other."""
     text = change("seed: 20260", "seed: x\nseed: 3")
     text = change("diameter_mm: 1.2", "diametr_mm: 1.2", text)
     text = change("  depth_mm: 15\n", "", text)
-    where = [problem.where.partition(" ")[2] for problem in problems_of(text)]
-    assert where == ["seed", "seed", "needle.diametr_mm", "sheath.depth_mm"]
+    assert [key for _, key, _, _ in list_problems(text)] == [
+        "seed",
+        "seed",
+        "needle.diametr_mm",
+        "sheath.depth_mm",
+    ]
+    text = change("diameter_mm: 2.0", "diameter_mm: 1.0", change("hole_spacing_mm: 10", "hole_spacing_mm: 1"))
+    assert [key for _, key, _, _ in list_problems(text)] == ["hole_spacing_mm", "sheath.diameter_mm"]
 
 
-def test_several_rules_broken_at_once_are_all_told():
-    """Rules across fields do not hide each other."""
-    text = change("hole_spacing_mm: 10", "hole_spacing_mm: 1")
-    text = change("diameter_mm: 2.0", "diameter_mm: 1.0", text)
-    where = [problem.where.partition(" ")[2] for problem in problems_of(text)]
-    assert where == ["hole_spacing_mm", "sheath.diameter_mm"]
-
-
-def test_a_missing_section_is_told_with_what_it_holds():
-    """What is not there is told at what should hold it."""
-    (problem,) = problems_of(re.sub(r"sheath:\n(  .*\n)+", "", STEERABILITY))
-    assert problem.message == "sheath is missing"
-    assert problem.hint == "The tube that brings the needle into the gel."
-
-
-def test_a_missing_experiment_is_told_with_the_choices():
-    """Without `experiment:` no model can be chosen; the message lists what there is."""
-    (problem,) = problems_of(change("experiment: steerability\n", ""))
-    assert (
-        problem.message
-        == "experiment is missing, must be one of camera-calibration, design, import, insertion, roll-zero, "
-        "steerability"
+def test_what_is_missing_is_told_with_what_it_holds():
+    """A section with its description; `experiment:`, which chooses the model, with the choices."""
+    ((_, _, message, hint),) = list_problems(re.sub(r"sheath:\n(  .*\n)+", "", STEERABILITY))
+    assert (message, hint) == ("sheath is missing", "The tube that brings the needle into the gel.")
+    ((_, _, message, hint),) = list_problems(change("experiment: steerability\n", ""))
+    assert message.startswith(
+        "experiment is missing, must be one of camera-calibration, design, import, insertion"
     )
-    assert problem.hint == "add a line such as `experiment: camera-calibration`"
-
-
-@pytest.mark.parametrize(
-    ("value", "key", "message", "hint"),
-    [
-        ("[320]", "plane.origin_px", "is [320], must be a list of more entries", "[px]"),
-        ("[320, 200, 1]", "plane.origin_px", "should have at most 2", "[px]"),
-        ("320", "plane.origin_px", "is 320, must be a valid array", "[px]"),
-        ("[320, left]", "plane.origin_px.1", 'origin_px.1 is "left", must be a valid number', ""),
-    ],
-)
-def test_a_list_that_is_wrong_is_told_as_a_whole_or_by_its_entry(
-    value: str, key: str, message: str, hint: str
-):
-    """A list of another length is one fault of the list, a wrong entry one of the entry."""
-    (problem,) = problems_of(change("[150, 310]", value, CALIBRATION))
-    assert problem.where.endswith(f" {key}")
-    assert message in problem.message
-    assert hint in problem.hint
-
-
-def test_a_choice_close_to_one_that_exists_is_suggested():
-    """A misspelt choice brings the right one to mind."""
-    (problem,) = problems_of(change("insertion: right", "insertion: Rihgt", CALIBRATION))
-    assert problem.message == "insertion is \"Rihgt\", must be 'right', 'left', 'up' or 'down'"
-    assert problem.hint == "did you mean right?"
+    assert hint == "add a line such as `experiment: camera-calibration`"
 
 
 def test_a_file_with_hundreds_of_faults_tells_the_first_fifty():
     """Nobody reads more; the count of the rest is told."""
-    wrong = "".join(f"key{i}: 1\n" for i in range(200))
-    problems = problems_of(STEERABILITY + wrong)
-    assert len(problems) == 51
-    assert problems[-1].message == "and 150 more problems like these"
+    with pytest.raises(FileFormatError) as caught:
+        load_text(STEERABILITY + "".join(f"key{i}: 1\n" for i in range(200)))
+    assert len(caught.value.problems) == 51
+    assert caught.value.problems[-1].message == "and 150 more problems like these"
 
 
 def test_the_error_names_the_file_as_it_was_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -187,27 +136,35 @@ def test_the_error_names_the_file_as_it_was_given(tmp_path: Path, capsys: pytest
 class Fast(Model):
     """A camera of one kind."""
 
-    kind: Literal["fast"] = Field(description="Which camera.")
-    rate_hz: float = Field(gt=0, le=1000, description="Frames in a second [Hz].")
+    kind: Literal["fast"]
+    """Which camera."""
+    rate_hz: float = Field(gt=0, le=1000)
+    """Frames in a second [Hz]."""
 
 
 class Slow(Model):
     """A camera of another kind."""
 
-    kind: Literal["slow"] = Field(description="Which camera.")
-    exposure_s: float = Field(gt=0, le=10, description="Exposure [s].")
+    kind: Literal["slow"]
+    """Which camera."""
+    exposure_s: float = Field(gt=0, le=10)
+    """Exposure [s]."""
 
 
 class BenchModel(Model):
     """A file as another room would describe it: kinds, maps, switches."""
 
-    camera: Annotated[Fast | Slow, Field(discriminator="kind")] = Field(description="The camera.")
-    nodes: dict[str, int] = Field(default={}, description="CAN node of each axis.")
-    light: bool = Field(default=True, description="Whether the light is on.")
-    gain: float | Literal["auto"] = Field(default="auto", description="Gain [dB], or auto.")
-    origin_px: PixelUv = Field(default=(0.0, 0.0), description="Origin [px].")
-    name: Name = Field(default="bench", description="Name.")
-    notes: Notes = Field(default="", description="Notes.")
+    camera: Annotated[Fast | Slow, Field(discriminator="kind")]
+    """The camera."""
+    nodes: dict[str, int] = Field(default_factory=dict)
+    """CAN node of each axis."""
+    light: bool = True
+    """Whether the light is on."""
+    gain: float | Literal["auto"] = "auto"
+    """Gain [dB], or auto."""
+    origin_px: PixelUv = (0.0, 0.0)
+    name: Name = "bench"
+    notes: Notes = ""
 
     def conflicts(self) -> list[Conflict]:
         """Yield a node that stands twice."""
@@ -215,60 +172,45 @@ class BenchModel(Model):
         return [Conflict("nodes", "two axes have one node")] if twice else []
 
 
-def bench_problem(text: str) -> Problem:
-    """Return the one problem of a rig text."""
+SLOW = "camera: {kind: slow, exposure_s: 1}\n"
+BENCHES = [
+    ("camera: {kind: fsat, rate_hz: 3}", "1:10 camera.kind", 'kind is "fsat"', "did you mean fast?"),
+    ("camera: {rate_hz: 3}", "1:1 camera.kind", "kind is missing, must be one of fast, slow", "kind: fast"),
+    ("camera: {kind: fast, rate: 3}", "1:22 camera.rate", "unknown key rate", "did you mean rate_hz?"),
+    ("camera: {kind: slow, exposure_s: 20}", "1:22 camera.exposure_s", "is 20", "Exposure [s]."),
+    (f"{SLOW}light: yes", "2:1 light", 'is "yes", must be a valid boolean', ""),
+    (f"{SLOW}gain: high", "2:1 gain", "must be a valid number or 'auto'", "Gain [dB]"),
+    (f"{SLOW}nodes: {{x: one}}", "2:9 nodes.x", 'x is "one"', ""),
+    (f"{SLOW}nodes: {{x: 1, y: 1}}", "2:1 nodes", "two axes have one node", ""),
+    ("camera: 3", "1:1 camera", "camera is 3", ""),
+]
+
+
+@pytest.mark.parametrize(("text", "where", "message", "hint"), BENCHES)
+def test_models_of_other_rooms_are_explained_as_well(text: str, where: str, message: str, hint: str):
+    """Sections of several kinds, maps, switches and unions are told in the same words."""
     with pytest.raises(FileFormatError) as caught:
         validate_tree(read_tree(text, "rig.yaml"), BenchModel)
     (problem,) = caught.value.problems
-    return problem
-
-
-SLOW = "camera: {kind: slow, exposure_s: 1}\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "where", "message", "hint"),
-    [
-        ("camera: {kind: fsat, rate_hz: 3}", "1:10 camera.kind", 'kind is "fsat"', "did you mean fast?"),
-        (
-            "camera: {rate_hz: 3}",
-            "1:1 camera.kind",
-            "kind is missing, must be one of fast, slow",
-            "kind: fast",
-        ),
-        ("camera: {kind: fast, rate: 3}", "1:22 camera.rate", "unknown key rate", "did you mean rate_hz?"),
-        ("camera: {kind: slow, exposure_s: 20}", "1:22 camera.exposure_s", "is 20", "Exposure [s]."),
-        (f"{SLOW}light: yes", "2:1 light", 'is "yes", must be a valid boolean', ""),
-        (f"{SLOW}gain: high", "2:1 gain", "must be a valid number or 'auto'", "Gain [dB]"),
-        (f"{SLOW}nodes: {{x: one}}", "2:9 nodes.x", 'x is "one"', ""),
-        (f"{SLOW}nodes: {{x: 1, y: 1}}", "2:1 nodes", "two axes have one node", ""),
-        ("camera: 3", "1:1 camera", "camera is 3", ""),
-    ],
-)
-def test_models_of_other_rooms_are_explained_as_well(text: str, where: str, message: str, hint: str):
-    """Sections of several kinds, maps, switches and unions are told in the same words."""
-    problem = bench_problem(text)
     assert problem.where == f"rig.yaml:{where}"
     assert message in problem.message
     assert hint in problem.hint
 
 
+def make_bench(**values: object) -> BenchModel:
+    """Return a model of values that stand in no file."""
+    return validate_values({"camera": {"kind": "fast", "rate_hz": 1}, **values}, "labrig import", BenchModel)
+
+
 def test_values_that_stand_in_no_file_are_told_by_their_source():
     """Options of a command make a model through the same checks."""
     with pytest.raises(FileFormatError) as caught:
-        validate_values({"camera": {"kind": "fast", "rate_hz": -1}}, "labrig import", BenchModel)
-    assert caught.value.problems[0].where == "labrig import camera.rate_hz"
-    made = validate_values(
-        {"camera": {"kind": "fast", "rate_hz": 1}, "origin_px": (1, 2)}, "labrig import", BenchModel
-    )
-    assert made.origin_px == (1.0, 2.0)
+        make_bench(camera={"kind": "fast", "rate_hz": -1})
+    assert [problem.where for problem in caught.value.problems] == ["labrig import camera.rate_hz"]
+    assert make_bench(origin_px=(1, 2)).origin_px == (1.0, 2.0)
 
 
 def test_notes_may_have_lines_and_any_script_joins_its_letters():
     """User-written text is kept as written; only what nobody can see is refused."""
-    made = validate_values(
-        {"camera": {"kind": "fast", "rate_hz": 1}, "notes": "a\n\tb", "name": "می‌خواهم 👩‍🔬 é"},
-        "test",
-        BenchModel,
-    )
+    made = make_bench(notes="a\n\tb", name="می‌خواهم 👩‍🔬 é")
     assert (made.notes, made.name) == ("a\n\tb", "می‌خواهم 👩‍🔬 é")

@@ -14,7 +14,7 @@ import can
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.camera import Exposure, PictureSource, Setting
+from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.drive import Homing
 from labrig.devices.drives.eds import read_own_eds
@@ -80,7 +80,7 @@ from tests.devices.wire_faults import (
     ignore_next,
     stop_heartbeat,
 )
-from tests.runner.sessions import Told, Watched, sweep
+from tests.runner.sessions import SHORT_WAY, Told, Watched, sweep
 
 AXES = ("insertion", "rotation", "linear")
 STRUCK = dict.fromkeys(Phase, "insertion") | {Phase.HOMING: "linear"}
@@ -89,15 +89,7 @@ STRUCK = dict.fromkeys(Phase, "insertion") | {Phase.HOMING: "linear"}
 REFERENCED = {phase: set(AXES) for phase in Phase} | {Phase.HOMING: {"insertion", "rotation"}}
 """Which axes know where they are at that moment."""
 
-_SHORT = (
-    "insertion.length_mm=5",
-    "insertion.speed_mm_s=5",
-    "insertion.frame_every_mm=1",
-    "sheath.depth_mm=2",
-    "analysis.window_start_mm=0",
-    "analysis.window_end_mm=0",
-    "analysis.min_window_mm=5",
-)
+_SHORT = (*SHORT_WAY, "insertion.length_mm=5", "insertion.speed_mm_s=5", "insertion.frame_every_mm=1")
 _FINGERPRINT = (20_261_121, 1)
 _RIG = (
     "state_file=state.json",
@@ -120,16 +112,8 @@ class FaultyCamera:
 
     def __init__(self, source: PictureSource) -> None:
         self.lost = self.frozen = False
-        self._source = source
-        self._picture: Exposure | None = None
-
-    def set(self, name: str, value: Setting) -> None:
-        """Make a setting."""
-        self._source.set(name, value)
-
-    def get(self, name: str) -> Setting | None:
-        """Return a setting."""
-        return self._source.get(name)
+        self._source, self._picture = source, None
+        self.set, self.get, self.close = source.set, source.get, source.close
 
     def read(self) -> Exposure | None:
         """Return a picture, none, or the last one again."""
@@ -138,10 +122,6 @@ class FaultyCamera:
         if self._picture is None or not self.frozen:
             self._picture = self._source.read()
         return self._picture
-
-    def close(self) -> None:
-        """Let go."""
-        self._source.close()
 
 
 class Hanging(Signal):

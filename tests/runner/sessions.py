@@ -48,6 +48,13 @@ SHORTER = {
     ),
 }
 """What makes long example protocols short enough for a test."""
+SHORT_WAY = (
+    "sheath.depth_mm=2",
+    "analysis.window_start_mm=0",
+    "analysis.window_end_mm=0",
+    "analysis.min_window_mm=5",
+)
+"""What lets a sweep insert a few mm."""
 ONE_INSERTION = ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]")
 
 

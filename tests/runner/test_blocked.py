@@ -15,17 +15,9 @@ from labrig.runner.session import Session
 from tests.devices.beats import listening, require_no_fault
 from tests.devices.blocking import Blockade, threaded_rig
 from tests.devices.rigs import simulated_rig
-from tests.runner.sessions import Told, sweep
+from tests.runner.sessions import SHORT_WAY, Told, sweep
 
-SHORT = (
-    "insertion.length_mm=10",
-    "insertion.speed_mm_s=2",
-    "insertion.frame_every_mm=2",
-    "sheath.depth_mm=2",
-    "analysis.window_start_mm=0",
-    "analysis.window_end_mm=0",
-    "analysis.min_window_mm=5",
-)
+SHORT = (*SHORT_WAY, "insertion.length_mm=10", "insertion.speed_mm_s=2", "insertion.frame_every_mm=2")
 BUSY_S, LATE_S = 0.5, 0.1
 QUADCOUNTS_PER_MM = 4000
 LONGEST_GAP_S = 0.2

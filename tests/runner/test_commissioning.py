@@ -1,13 +1,14 @@
 """Commissioning a bare rig: refusing unsafe motions, and asking before each motion."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from functools import partial
 
 import pytest
 
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset, ConfirmHere
-from labrig.devices.rig import Rig, open_rig
+from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import (
     DriveError,
@@ -46,17 +47,12 @@ def test_a_bare_axis_searches_its_reference(method: int) -> None:
     switches = "axes.linear.limit_switches=[]"
     description = simulated_rig(f"axes.linear.homing={{method: {method}, speed: 5, position: 2}}", switches)
     with _bare(description) as (opened, _):
-        _home_linear(opened.rig)
+        opened.rig.home_axis("linear", method, needle_mounted=False)
         shaft = opened.drives["linear"].shaft_counts
         assert shaft > 0 if method in {-1, -3, 18} else shaft < 0
         position = opened.rig.read_states()["linear"].position
         assert abs(position - 2) < 0.02 or method in {-1, -2}
         assert "linear" in opened.rig.state.referenced
-
-
-def _home_linear(rig: Rig) -> None:
-    """Home the linear module by its own method."""
-    rig.home_axis("linear", rig.axis("linear").description.homing.method, needle_mounted=False)
 
 
 @pytest.mark.parametrize(
@@ -77,9 +73,13 @@ def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted:
         assert all(not drive.is_moving for drive in opened.drives.values())
 
 
-def test_a_stop_that_could_not_be_felt_is_not_sought() -> None:
-    """A search for a stop is refused if the current limit is below its threshold, because it would push forever."""
-    with _bare() as (opened, _):
+def test_a_stop_that_could_not_be_felt_or_found_gives_no_reference() -> None:
+    """A current limit below the threshold would push forever; a search that finds nothing in time halts the axis."""
+    with _bare(simulated_rig("axes.linear.homing={method: -4, speed: 0.1, timeout_s: 2}")) as (opened, _):
+        with pytest.raises(DriveError, match="did not find home in time"):
+            opened.rig.home_axis("linear", -4, needle_mounted=False)
+        assert not opened.drives["linear"].is_moving
+        assert opened.rig.state.referenced == ()
         opened.rig._opening = Opening(max_current_ma={"linear": 400})
         with pytest.raises(LimitError, match="felt at 500 mA, and no drive exceeds 400 mA"):
             opened.rig.home_axis("linear", -4, needle_mounted=False)
@@ -89,24 +89,13 @@ def test_nothing_is_homed_or_jogged_with_a_needle_in_tissue() -> None:
     """With a needle in tissue homing and jogging are refused, with the command that withdraws it."""
     with _bare() as (opened, _):
         opened.rig.needle.mark_in_tissue("run-7")
-        for action in (lambda: home_axes(opened.rig, 35, needle_mounted=True), lambda: _jog(opened.rig)):
+        for action in (
+            partial(home_axes, opened.rig, 35, needle_mounted=True),
+            partial(jog, opened.rig, "insertion", 1.0),
+        ):
             with pytest.raises(SafetyStopError, match="run-7") as refusal:
                 action()
             assert "labrig devices withdraw" in refusal.value.hint
-
-
-def _jog(rig: Rig) -> None:
-    jog(rig, "insertion", 1.0)
-
-
-def test_a_search_that_finds_nothing_ends_with_the_axis_halted() -> None:
-    """A search that times out halts the axis without a reference."""
-    description = simulated_rig("axes.linear.homing={method: -4, speed: 0.1, timeout_s: 2}")
-    with _bare(description) as (opened, _):
-        with pytest.raises(DriveError, match="did not find home in time"):
-            opened.rig.home_axis("linear", -4, needle_mounted=False)
-        assert not opened.drives["linear"].is_moving
-        assert opened.rig.state.referenced == ()
 
 
 def test_a_jog_is_slow_short_and_within_limits() -> None:
@@ -145,47 +134,31 @@ def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
         assert drive.objects.values[od.CURRENT_LIMIT] == 25_000
 
 
-def test_a_fault_is_reset_only_on_confirmation() -> None:
-    """A fault is shown with its remedy and reset only if confirmed; a lasting cause is named."""
-    for yes in (False, True):
-        with opened_rig() as opened:
-            drive = opened.drives["insertion"]
-            drive.cut_power_stage()
-            drive.restore_power_stage()
-            opened.rig._opening = Opening(reset_faults=True)
-            watched = opened.rig.operator = Watched(
-                opened.rig.operator, declines=None if yes else ConfirmFaultReset
-            )
-            if yes:
-                opened.rig.connect()
-            else:
-                with pytest.raises(DriveFaultError, match="did not confirm"):
-                    opened.rig.connect()
-            asked = watched.asked[0]
-            assert isinstance(asked, ConfirmFaultReset)
-            assert "0x3220" in asked.fault
+@pytest.mark.parametrize("yes", [False, True])
+def test_a_fault_is_reset_only_on_confirmation(yes: bool) -> None:
+    """It is shown with its remedy."""
+    with opened_rig() as opened:
+        opened.drives["insertion"].cut_power_stage()
+        opened.drives["insertion"].restore_power_stage()
+        opened.rig._opening = Opening(reset_faults=True)
+        declines = None if yes else ConfirmFaultReset
+        watched = opened.rig.operator = Watched(opened.rig.operator, declines=declines)
+        with nullcontext() if yes else pytest.raises(DriveFaultError, match="did not confirm"):
+            opened.rig.connect()
+        asked = watched.asked[0]
+        assert isinstance(asked, ConfirmFaultReset)
+        assert "0x3220" in asked.fault
 
 
-def test_a_fault_whose_cause_lasts_is_not_reset() -> None:
+def test_a_fault_whose_cause_lasts_is_not_reset_and_a_run_resets_none() -> None:
     """If the supply is still cut, connecting fails with that reason."""
     with opened_rig() as opened:
         opened.drives["insertion"].cut_power_stage()
         opened.rig._opening = Opening(reset_faults=True)
         with pytest.raises(DriveFaultError, match="its cause is still there"):
             opened.rig.connect()
-
-
-def test_a_run_resets_no_fault() -> None:
-    """A run refuses a drive in fault and never resets it."""
     with opened_rig() as opened:
         opened.drives["insertion"].fail(0x8130)
         with pytest.raises(DriveFaultError, match="0x8130") as fault:
             opened.rig.connect()
         assert "labrig devices home --axis insertion" in fault.value.hint
-
-
-def test_a_simulated_rig_opens_whole(tmp_path: object) -> None:
-    """A simulated rig opens with all axes and the camera."""
-    with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
-        assert [axis.name for axis in rig.axes] == ["insertion", "rotation", "linear"]
-        assert rig.camera.capture().t_s > 0

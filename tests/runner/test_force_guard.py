@@ -9,16 +9,9 @@ from labrig.experiments.registry import find_experiment
 from labrig.record.agreement import Verdict
 from labrig.report.tables import run_tables
 from labrig.runner.replay import replay_run
-from tests.runner.sessions import Told, bench, sweep
+from tests.runner.sessions import SHORT_WAY, Told, bench, sweep
 
-SHORT = (
-    "insertion.length_mm=5",
-    "insertion.frame_every_mm=5",
-    "sheath.depth_mm=2",
-    "analysis.window_start_mm=0",
-    "analysis.window_end_mm=0",
-    "analysis.min_window_mm=5",
-)
+SHORT = (*SHORT_WAY, "insertion.length_mm=5", "insertion.frame_every_mm=5")
 INPUTS = (
     "axes.insertion.inputs={needle_force: {source: analog-1, unit: N, units_per_volt: 10}}",
     "axes.linear.inputs={door: {source: general-A, expected: true}}",

@@ -1,5 +1,6 @@
 """Replaying a record through the same procedure."""
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -75,12 +76,15 @@ def replay_with(run: Run, *overrides: str) -> Replay:
 def test_a_target_beyond_ten_increments_is_a_difference(insertion: Run) -> None:
     """An insertion of 39 mm instead of 40 differs at the target of that move, after two pictures, and goes on."""
     found = replay_with(insertion, "insertion.length_mm=39")
-    difference, place = found.first_difference, found.place
     assert found.verdict is Verdict.DIFFERENT
-    assert difference == Deviation("move.insertion_mm", 40.0, 39.0, 1.0, 10 / 4000)
-    assert place is not None
-    assert (place.frame, place.trial, found.stopped) == (1, 0, False)
+    assert found.first_difference == Deviation("move.insertion_mm", 40.0, 39.0, 1.0, 10 / 4000)
+    assert found.place is not None
+    assert (found.place.frame, found.place.trial, found.stopped) == (1, 0, False)
     assert found.counts["moves"] == sum(insertion.events["kind"] == "move")
+    other_needle = replay_with(insertion, "needle.needle_id=N2")
+    assert other_needle.first_difference == Deviation("operator.details.needle_id", "N1", "N2")
+    assert other_needle.place is not None
+    assert other_needle.place.frame is None
 
 
 @pytest.mark.parametrize(("off_mm", "verdict"), [(0.002, "equivalent"), (0.003, "different")])
@@ -89,15 +93,6 @@ def test_a_target_within_ten_increments_is_equivalent(insertion: Run, off_mm: fl
     found = replay_with(insertion, f"insertion.length_mm={40 - off_mm}")
     assert str(found.verdict) == verdict
     assert found.agreement.largest["move.insertion_mm"] == pytest.approx(off_mm)
-
-
-def test_a_question_that_differs_is_named(insertion: Run) -> None:
-    """Another needle differs at the first question, before anything moves."""
-    found = replay_with(insertion, "needle.needle_id=N2")
-    difference, place = found.first_difference, found.place
-    assert difference == Deviation("operator.details.needle_id", "N1", "N2")
-    assert place is not None
-    assert place.frame is None
 
 
 @pytest.mark.parametrize(
@@ -116,21 +111,14 @@ def test_a_procedure_that_does_more_or_less_differs(
     assert found.stopped
     difference = found.first_difference
     assert difference is not None
-    assert (difference.quantity, recorded in str(difference.recorded), now in str(difference.now)) == (
-        "what is asked",
-        True,
-        True,
-    )
+    assert difference.quantity == "what is asked"
+    assert recorded in str(difference.recorded)
+    assert now in str(difference.now)
 
 
 def edit_events(run: Run, tmp_path: Path, change: Callable[[dict[str, object]], dict[str, object]]) -> Run:
     """Return an open copy of a run with edited events and valid checksums."""
-    copy = tmp_path / "edited"
-    copy.mkdir(parents=True)
-    for path in run.path.rglob("*"):
-        if path.is_file():
-            (copy / path.relative_to(run.path)).parent.mkdir(parents=True, exist_ok=True)
-            (copy / path.relative_to(run.path)).write_bytes(path.read_bytes())
+    copy = Path(shutil.copytree(run.path, tmp_path / "edited"))
     lines = [decode_line(line) for line in (copy / "events.jsonl").read_bytes().splitlines()]
     (copy / "events.jsonl").write_bytes(b"".join(encode_line(change(as_recorded(line))) for line in lines))
     return Run(copy, run.manifest, ())
@@ -216,19 +204,15 @@ def test_a_killed_run_is_followed_to_its_end(tmp_path: Path) -> None:
     """The replay of a killed run states where its record ends, and that it is identical up to there."""
     protocol = sweep()
     with bench(tmp_path, protocol) as at:
-        copy = tmp_path / "killed"
 
         def then(doing: str) -> None:
             if "withdrawing" in doing:
-                for path in at.recorder.path.rglob("*"):
-                    if path.is_file() and path.name != ".lock":
-                        (copy / path.relative_to(at.recorder.path)).parent.mkdir(parents=True, exist_ok=True)
-                        (copy / path.relative_to(at.recorder.path)).write_bytes(path.read_bytes())
+                ignore = shutil.ignore_patterns(".lock*")
+                shutil.copytree(at.recorder.path, tmp_path / "killed", ignore=ignore)
 
-        conduct(
-            find_experiment(protocol.experiment), protocol, Session(at.opened.rig, at.recorder, Told(then))
-        )
-    run = open_run(copy)
+        session = Session(at.opened.rig, at.recorder, Told(then))
+        conduct(find_experiment(protocol.experiment), protocol, session)
+    run = open_run(tmp_path / "killed")
     found = replay(run)
     assert found.verdict is Verdict.IDENTICAL, found.first_difference
     assert found.ended_early.startswith("the session that began at t = 0.000 s was interrupted at t = ")

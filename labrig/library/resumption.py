@@ -27,8 +27,9 @@ from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import Experiment
 from labrig.runner.past import read_past
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
+from labrig.runner.run_record import RunOrder
 from labrig.runner.session import Progress, Session
-from labrig.runner.whole_run import FinishedRun, RigJob, finish, record_on_rig
+from labrig.runner.whole_run import FinishedRun, finish, record_on_rig
 from labrig.runner.withdrawal import read_needle_path
 from labrig.text import format_count
 
@@ -89,8 +90,9 @@ def resume_run(
         reopen = partial(_reopen_record, path, rig.clock.utc(), command_line, rig.describe())
         return Session(rig, rig.do_aside(reopen), progress)
 
-    job = RigJob(recorded, description, plan.work, command_line)
-    ended = record_on_rig(job, attendant, begin, partial(conduct, experiment, recorded, past=past))
+    order = RunOrder(experiment, recorded, description, path.parent, path.name, command_line, {})
+    go_on = partial(conduct, experiment, recorded, past=past)
+    ended = record_on_rig(order, plan.work, attendant, begin, go_on)
     return finish(ended, experiment, command_line, attendant)
 
 

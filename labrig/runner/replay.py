@@ -4,9 +4,10 @@ What is compared is what the procedure asks and says: moves, pictures, questions
 readings are answers, and are not compared.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from labrig.runner.dialogue import Dialogue, PauseRequests
 from labrig.runner.experiment import Experiment
 from labrig.runner.past import read_past
 from labrig.runner.session import Progress, Session
+from labrig.runner.trials import Past
 
 _TARGET_INCREMENTS = 10
 """By so many increments of the encoder may the target of a move differ: what servos at rest dither."""
@@ -105,9 +107,18 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
     description = load_recorded_rig(run) if experiment.moves_rig else None
     if description is not None:
         _require_calibration(description)
+
+    def conduct_again(part: SessionPart, tape: Tape, journal: ReplayedRecord, past: Past | None) -> Outcome:
+        if description is None:
+            return conduct_without_rig(experiment, journal, SimulatedClock())
+        rig, requests = ReplayedRig(run, description, part, tape), RecordedRequests(tape)
+        return conduct(experiment, protocol, Session(rig, journal, progress, Dialogue(requests)), past)
+
     for number, part in enumerate(list_sessions(run)):
-        resumed = run.until(part.t0_s) if number else None
-        _replay_session(_Replayed(run, experiment, protocol, description, resumed), part, progress, found)
+        tape = Tape(run, part)
+        journal = ReplayedRecord(run, tape, description, found)
+        past = read_past(run.until(part.t0_s)) if number else None
+        _compare_session(journal, tape, part, partial(conduct_again, part, tape, journal, past))
         if found.stopped:
             break
     return found
@@ -129,48 +140,25 @@ def replay_work(run: Run, experiment: Experiment) -> float:
     return float(len(run.read_events(Move, OperatorQuestion)) + len(run.frame_lines) - drawn)
 
 
-@dataclass(frozen=True)
-class _Replayed:
-    """A session that runs again: its run, its rig, and, if it resumed the run, the run as it was before."""
-
-    run: Run
-    experiment: Experiment
-    protocol: ExperimentProtocol
-    rig: RigDescription | None
-    resumed: Run | None
-
-
-def _replay_session(replayed: _Replayed, part: SessionPart, progress: Progress, found: Replay) -> None:
-    """Replay one session and add its result."""
-    tape = Tape(replayed.run, part)
-    journal = ReplayedRecord(replayed.run, tape, replayed.rig, found)
+def _compare_session(
+    journal: "ReplayedRecord", tape: Tape, part: SessionPart, conduct_again: Callable[[], Outcome]
+) -> None:
+    """Conduct one session again, and add what differs."""
     try:
-        outcome = _conduct(replayed, part, tape, journal, progress)
+        outcome = conduct_again()
         if isinstance(outcome.error, RecordError):
             raise outcome.error
         if tape.peek() is not None:
             tape.differ("nothing more")
     except TapeDiffersError as error:
         journal.note(Deviation("what is asked", error.recorded, error.now))
-        found.stopped = True
+        journal.found.stopped = True
     except TapeEndsError:
         if tape.peek() is None:
             begin_s, end_s = part.t0_s, tape.total_t_s
-            found.ended_early = (
+            journal.found.ended_early = (
                 f"the session that began at t = {begin_s:.3f} s was interrupted at t = {end_s:.3f} s"
             )
-
-
-def _conduct(
-    replayed: _Replayed, part: SessionPart, tape: Tape, journal: "ReplayedRecord", progress: Progress
-) -> Outcome:
-    run, experiment, protocol = replayed.run, replayed.experiment, replayed.protocol
-    if replayed.rig is None:
-        return conduct_without_rig(experiment, journal, SimulatedClock())
-    rig = ReplayedRig(run, replayed.rig, part, tape)
-    session = Session(rig, journal, progress, Dialogue(requests=RecordedRequests(tape)))
-    past = None if replayed.resumed is None else read_past(replayed.resumed)
-    return conduct(experiment, protocol, session, past)
 
 
 class ReplayedRecord:
@@ -193,7 +181,7 @@ class ReplayedRecord:
         self.path: Path = run.path
         self._tape = tape
         self._axes = {} if rig is None else dict(rig.axes.items())
-        self._found = found
+        self.found = found
 
     def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:  # noqa: ARG002 - answers
         """Compare what a picture or a drawing is for, and return its number."""
@@ -238,16 +226,16 @@ class ReplayedRecord:
 
     def note(self, deviation: Deviation) -> None:
         """Take note of a value that is not the recorded one, and where the first one beyond its tolerance is."""
-        self._found.agreement.add(deviation)
+        self.found.agreement.add(deviation)
         self._note_place()
 
     def _note_place(self) -> None:
-        if self._found.place is None and self._found.agreement.first is not None:
+        if self.found.place is None and self.found.agreement.first is not None:
             tape = self._tape
-            self._found.place = Place(tape.total_t_s, tape.frame, tape.trial)
+            self.found.place = Place(tape.total_t_s, tape.frame, tape.trial)
 
     def _compare(self, name: str, recorded: Mapping[str, object], now: Mapping[str, object]) -> None:
-        self._found.agreement.compare(name, recorded, now)
+        self.found.agreement.compare(name, recorded, now)
         self._note_place()
 
     def _compare_target(self, recorded: dict[str, object], now: dict[str, object]) -> None:
@@ -262,7 +250,7 @@ class ReplayedRecord:
 
     def _take(self, what: str) -> None:
         self._tape.take()
-        self._found.counts[what] = self._found.counts.get(what, 0) + 1
+        self.found.counts[what] = self.found.counts.get(what, 0) + 1
 
 
 class RecordedRequests(PauseRequests):

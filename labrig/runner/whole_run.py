@@ -13,7 +13,6 @@ from labrig.analysis.run import analyze_run
 from labrig.devices.clocks import SystemClock
 from labrig.devices.opening import Opening
 from labrig.devices.rig import Rig
-from labrig.devices.rig_file import RigDescription
 from labrig.durable import require_free_bytes
 from labrig.errors import (
     AnswerIsNoError,
@@ -29,7 +28,6 @@ from labrig.errors import (
 )
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_recorded_protocol
-from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.runner.attendant import Attendant
@@ -94,8 +92,8 @@ def record(order: RunOrder, attendant: Attendant) -> FinishedRun:
         opening = partial(open_record, order, plan.trials, rig.clock, rig.describe())
         return Session(rig, rig.do_aside(opening), progress)
 
-    job = RigJob(protocol, order.rig, plan.work, order.command_line)
-    return record_on_rig(job, attendant, begin, partial(conduct, experiment, protocol))
+    conduct_on = partial(conduct, experiment, protocol)
+    return record_on_rig(order, plan.work, attendant, begin, conduct_on)
 
 
 def finish(
@@ -159,18 +157,9 @@ def _end_interrupted(ended: FinishedRun, by: str) -> FinishedRun:
     return replace(ended, outcome=Outcome(ended.outcome.exit_status, message, InterruptedRunError(message)))
 
 
-@dataclass(frozen=True)
-class RigJob:
-    """What is recorded on a rig: its protocol, the rig, the end of its progress, and the command."""
-
-    protocol: ExperimentProtocol
-    rig: RigDescription
-    work: float
-    command_line: tuple[str, ...]
-
-
 def record_on_rig(
-    job: RigJob,
+    order: RunOrder,
+    work: float,
     attendant: Attendant,
     begin: Callable[[Rig, Progress], Session],
     conduct_on: Callable[[Session], Outcome],
@@ -179,21 +168,24 @@ def record_on_rig(
 
     Parameters
     ----------
+    work : float
+        The end of its progress.
     begin : callable
         Opens the record.
     conduct_on : callable
         Makes the run, which may be paused meanwhile.
     """
-    protocol, doing = job.protocol, " ".join(("labrig", *job.command_line[1:]))
+    assert order.rig is not None
+    protocol, doing = order.protocol, " ".join(("labrig", *order.command_line[1:]))
     opening = Opening(max_current_ma=protocol.current_limits_ma, power=False)
     ended: FinishedRun | None = None
     with attendant.watch() as watch:
         try:
             with (
-                attendant.open_rig(job.rig, doing, protocol.seed, opening) as (rig, interrupted),
-                attendant.progress(protocol.experiment, job.work) as progress,
+                attendant.open_rig(order.rig, doing, protocol.seed, opening) as (opened, interrupted),
+                attendant.progress(protocol.experiment, work) as progress,
             ):
-                session = begin(rig, progress)
+                session = begin(opened, progress)
                 path = session.recorder.path
                 watch(path)
                 with attendant.take_requests(interrupted, path) as requests:
@@ -201,7 +193,7 @@ def record_on_rig(
                     outcome = conduct_on(session)
                 is_over = isinstance(outcome.error, BugError | TargetMissedError)
                 can_resume = session.dialogue.planned > 0 and not is_over
-                ended = FinishedRun(path, outcome, report_needle(rig, path), can_resume=can_resume)
+                ended = FinishedRun(path, outcome, report_needle(opened, path), can_resume=can_resume)
         except MachineError as failure:
             if ended is None:
                 raise

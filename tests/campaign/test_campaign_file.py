@@ -7,6 +7,7 @@ import pytest
 from labrig.campaign.campaign_file import MOST_ARMS, campaign_schema, load_campaign_file
 from labrig.errors import FileFormatError, InputError
 from labrig.protocol.schema import schema_text
+from labrig.protocol.sections import Criterion
 from tests.campaign.campaigns import PROTOCOLS, RIGS, load, write_campaign
 
 GRID = {f"policy.{name}": list(range(1000)) for name in ("near_mm", "final_mm", "backlash_mm")}
@@ -39,20 +40,18 @@ def test_a_campaign_that_cannot_be_meant_is_refused(
     assert message in str(caught.value.problems)
 
 
-def test_a_protocol_or_a_rig_file_is_named_as_such() -> None:
-    """Instead of a list of missing keys."""
-    for file, word in (
-        (PROTOCOLS / "insertion.yaml", "a protocol"),
-        (RIGS / "rig-simulated.yaml", "a rig file"),
-    ):
-        with pytest.raises(FileFormatError, match=f"this is {word}, expected a campaign file"):
+def test_a_file_of_another_kind_is_named_and_the_largest_grid_is_taken(tmp_path: Path) -> None:
+    """Instead of a list of missing keys; up to the limit."""
+    for file, word in ((PROTOCOLS / "insertion.yaml", "protocol"), (RIGS / "rig-simulated.yaml", "rig file")):
+        with pytest.raises(FileFormatError, match=f"this is a {word}, expected a campaign file"):
             load_campaign_file(file)
-
-
-def test_the_largest_grid_is_taken(tmp_path: Path) -> None:
-    """Up to the limit."""
     path = write_campaign(tmp_path, vary={"policy.near_mm": list(range(MOST_ARMS))})
     assert load_campaign_file(path).round_tasks == MOST_ARMS
+
+
+def sobol(key: str, low: float, high: float) -> dict[str, object]:
+    """Return the keys of a campaign that samples one key."""
+    return {"sample": {"method": "sobol", "n": 8, "keys": {key: [low, high]}}}
 
 
 @pytest.mark.parametrize(
@@ -61,17 +60,9 @@ def test_the_largest_grid_is_taken(tmp_path: Path) -> None:
         ({"vary": {"policy.replan_evry_mm": [5]}}, "replan_evry_mm", "unknown key"),
         ({"vary": {"policy.replan_every_mm": [5, -1]}}, "arm replan_every_mm=-1", "replan_every_mm"),
         ({"set": {"rig.world.noise": 1}}, "world.noise", "unknown key"),
-        ({"sample": {"method": "sobol", "n": 8, "keys": {"target.sd_mm": [-1, 1]}}}, "target.sd_mm", "-1"),
-        (
-            {"sample": {"method": "sobol", "n": 8, "keys": {"rig.world.noise": [0, 1]}}},
-            "world.noise",
-            "unknown key",
-        ),
-        (
-            {"sample": {"method": "sobol", "n": 8, "keys": {"planner.max_arcs": [2, 8]}}},
-            "planner.max_arcs",
-            "must be a valid integer",
-        ),
+        (sobol("target.sd_mm", -1, 1), "target.sd_mm", "-1"),
+        (sobol("rig.world.noise", 0, 1), "world.noise", "unknown key"),
+        (sobol("planner.max_arcs", 2, 8), "planner.max_arcs", "must be a valid integer"),
         ({"set": {"repetitions": 3}}, "arm base: repetitions", "makes 3 insertions"),
     ],
 )
@@ -98,14 +89,10 @@ def test_keys_of_pictures_and_whole_numbers_are_taken_where_they_count(tmp_path:
     assert len(load(write_campaign(tmp_path, set=lens)).arms) == 1
 
 
-def test_only_simulated_rigs_take_part(tmp_path: Path) -> None:
-    """A campaign moves nothing real."""
+def test_only_simulated_rigs_and_virtual_experiments_take_part(tmp_path: Path) -> None:
+    """A campaign moves nothing real; the hint names the depth at which whole runs are made."""
     with pytest.raises(InputError, match="simulated rigs only"):
         load(write_campaign(tmp_path), RIGS / "rig-bench.yaml")
-
-
-def test_an_experiment_without_a_virtual_form_needs_whole_runs(tmp_path: Path) -> None:
-    """The hint names the depth."""
     path = write_campaign(tmp_path, base=str(PROTOCOLS / "roll-zero.yaml"), measure="sd_deg")
     with pytest.raises(InputError) as caught:
         load(path)
@@ -114,12 +101,12 @@ def test_an_experiment_without_a_virtual_form_needs_whole_runs(tmp_path: Path) -
 
 def test_the_measure_is_that_of_the_experiment_unless_the_campaign_names_another(tmp_path: Path) -> None:
     """With the tolerance of the protocol, which the campaign may replace; another measure has none by itself."""
-    own = load(write_campaign(tmp_path)).by
-    assert (own.quantity, own.tolerance) == ("true_target_error_mm", 2.0)
-    stricter = load(write_campaign(tmp_path, tolerance=0.5)).by
-    assert (stricter.quantity, stricter.tolerance) == ("true_target_error_mm", 0.5)
-    other = load(write_campaign(tmp_path, measure="replans")).by
-    assert (other.quantity, other.tolerance) == ("replans", None)
+    for keys, quantity, tolerance in (
+        ({}, "true_target_error_mm", 2.0),
+        ({"tolerance": 0.5}, "true_target_error_mm", 0.5),
+        ({"measure": "replans"}, "replans", None),
+    ):
+        assert load(write_campaign(tmp_path, **keys)).by == Criterion(quantity, tolerance)
 
 
 def test_the_committed_schema_is_the_models() -> None:

@@ -19,6 +19,7 @@ from tests.report.conftest import HOSTILE
 
 NOW = datetime(2026, 11, 23, tzinfo=UTC)
 INFINITE = float("inf")
+PLACE = "target.position_mm"
 
 
 def found(loaded: LoadedCampaign, law: Law) -> tuple[CampaignResult, pd.DataFrame]:
@@ -47,24 +48,20 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
     """A sample of two keys with a tolerance has a map with the obstacles; failed tasks are counted with their error."""
     keys = {
         "vary": {"policy.replan_every_mm": [5, 10]},
-        "sample": {
-            "method": "sobol",
-            "n": 16,
-            "keys": {"target.position_mm.2": [80, 105], "target.position_mm.1": [-4, 8]},
-        },
+        "sample": {"method": "sobol", "n": 16, "keys": {f"{PLACE}.2": [80, 105], f"{PLACE}.1": [-4, 8]}},
     }
     loaded = load(write_campaign(tmp_path, **keys))
     failing = loaded.find_task(3).seed
     result, table = found(loaded, lambda task: INFINITE if task.seed == failing else task.seed % 100 / 30.0)
     page = write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
     assert result.failed == 2
-    for text in (
+    stated = (
         "a process died",
         "Differences from replan every 5 mm",
         "Map of replan every 10 mm",
         "16 by sobol",
-    ):
-        assert text in page
+    )
+    assert all(text in page for text in stated)
     assert (tmp_path / "map-1.pdf").is_file()
     assert "mathdefault" not in page
 

@@ -47,16 +47,11 @@ def test_an_arm_has_mean_share_and_ends_of_the_tasks_that_did_not_fail() -> None
     assert found.ends == {"success": 2, "target_missed": 2}
 
 
-def test_an_arm_without_any_value_has_none_of_the_figures() -> None:
-    """Such as one whose tasks all failed."""
+def test_without_values_there_are_no_figures_and_the_interval_of_a_share_is_wilsons() -> None:
+    """Such as of an arm whose tasks all failed; of all, the upper end of a share is 1."""
     found = judge_arm(table({"a": [1.0, 2.0]}, failed=2), "a", {}, BY)
     assert (found.n, found.mean, found.ci95, found.share, found.share_ci95) == (0, None, None, None, None)
-
-
-def test_the_interval_of_a_share_is_wilsons() -> None:
-    """Of nothing there is none; of all, its upper end is 1."""
-    low, high = bound_share(20, 20) or (0.0, 0.0)
-    assert (low, high) == (pytest.approx(0.8389, abs=1e-4), 1.0)
+    assert bound_share(20, 20) == (pytest.approx(0.8389, abs=1e-4), 1.0)
     assert bound_share(0, 0) is None
 
 

@@ -112,7 +112,8 @@ class FaultyCamera:
 
     def __init__(self, source: PictureSource) -> None:
         self.lost = self.frozen = False
-        self._source, self._picture = source, None
+        self._source = source
+        self._picture: Exposure | None = None
         self.set, self.get, self.close = source.set, source.get, source.close
 
     def read(self) -> Exposure | None:

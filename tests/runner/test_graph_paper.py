@@ -1,9 +1,7 @@
 """Graph paper before and after a run, the sheath before each insertion of a roll zero, and bumped cameras."""
 
-import json
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -102,12 +100,6 @@ def roll_zero(*overrides: str) -> ExperimentProtocol:
     return load_protocol(PROTOCOLS / "roll-zero.yaml", PROTOCOL_MODELS, [*STEPS, *overrides])
 
 
-def events(run: Run, kind: str) -> list[dict[str, Any]]:
-    """Return the events of one kind."""
-    lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()
-    return [event for event in map(json.loads, lines) if event["kind"] == kind]
-
-
 def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
     """The zero is found, live and by analysis, in spite of a play of half a millimetre and a degree."""
     play = ("world.sheath.lateral_play_sd_mm=0.4", "world.sheath.angle_play_sd_deg=0.6")
@@ -115,8 +107,9 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
     with large_bench(tmp_path, protocol, (*EVEN[:2], *play)) as opened:
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
-    assert len(events(run, "roll_zero_sheath")) == 4
-    (found,) = events(run, "roll_zero")
+    events = run.lines("events")
+    assert sum(event["kind"] == "roll_zero_sheath" for event in events) == 4
+    (found,) = (event for event in events if event["kind"] == "roll_zero")
     fit = found["fit"]
     assert abs(math.degrees(fit["zero_rad"])) < 2.0
     assert fit["residual_rms_mm"] < 0.1

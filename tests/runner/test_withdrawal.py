@@ -22,58 +22,32 @@ from labrig.record.reader import open_run
 from labrig.runner.withdrawal import plan_reverse_moves, read_needle_path, withdraw
 from tests.runner.sessions import RunBench, Watched, bench, sweep
 
-TURNED = (
-    AxisPositions(0, 0, 0),
-    AxisPositions(0, 0, 10),
-    AxisPositions(10, 0, 10),
-    AxisPositions(10.004, 1.5, 10),
-    AxisPositions(10.001, 3.1, 10),
-    AxisPositions(25, 3.1, 10),
-)
-
-
-OVERSHOT = (0.0, 1.6, 3.3, 3.6, 3.3, 3.14)
+Path3 = Sequence[tuple[float, float, float]]
+TURNED: Path3 = ((0, 0, 0), (0, 0, 10), (10, 0, 10), (10.004, 1.5, 10), (10.001, 3.1, 10), (25, 3.1, 10))
+OVERSHOT = tuple((20, rad, 5) for rad in (0.0, 1.6, 3.3, 3.6, 3.3, 3.14))
 OUT = [("insertion", 0.0), ("linear", 0.0)]
+PATHS: dict[str, tuple[Path3, list[tuple[str, float]]]] = {
+    "a turn": (TURNED, [("insertion", 10.0), ("rotation", 0.0), *OUT]),
+    "its overshoot": (((0, 0, 5), *OVERSHOT, (50, 3.14, 5)), [("insertion", 20.0), ("rotation", 0.0), *OUT]),
+    "gone back already": ((*TURNED, (10, 3.1, 10), (10, 0, 10), (4, 0, 10)), OUT),
+    "a turn in the sheath": (((0, 0, 0), (0, 3, 0), (0, 3, 10), (20, 3, 10)), OUT),
+    "nothing in": (((0, 0, 0), (0, 2, 0)), []),
+    "no path": ((), []),
+}
 
 
-@pytest.mark.parametrize(
-    ("path", "moves"),
-    [
-        (TURNED, [("insertion", 10.0), ("rotation", 0.0), *OUT]),
-        (
-            (
-                AxisPositions(0, 0, 5),
-                *(AxisPositions(20, rad, 5) for rad in OVERSHOT),
-                AxisPositions(50, 3.14, 5),
-            ),
-            [("insertion", 20.0), ("rotation", 0.0), *OUT],
-        ),
-        ((*TURNED, AxisPositions(10, 3.1, 10), AxisPositions(10, 0, 10), AxisPositions(4, 0, 10)), OUT),
-        (
-            (
-                AxisPositions(0, 0, 0),
-                AxisPositions(0, 3, 0),
-                AxisPositions(0, 3, 10),
-                AxisPositions(20, 3, 10),
-            ),
-            OUT,
-        ),
-        ((AxisPositions(0, 0, 0), AxisPositions(0, 2, 0)), []),
-        ((), []),
-    ],
-    ids=["a turn", "its overshoot", "gone back already", "a turn in the sheath", "nothing in", "no path"],
-)
-def test_a_path_is_gone_back(path: Sequence[AxisPositions], moves: list[tuple[str, float]]) -> None:
+def read_path(path: Path3) -> tuple[AxisPositions, ...]:
+    """Return the positions of a path."""
+    return tuple(AxisPositions(*positions) for positions in path)
+
+
+@pytest.mark.parametrize(("path", "moves"), PATHS.values(), ids=PATHS)
+def test_a_path_is_gone_back(path: Path3, moves: list[tuple[str, float]]) -> None:
     """A turn is undone once, where it was made; what was retracted already, or was never in, is not gone in again."""
-    assert [(move.axis, round(move.position, 2)) for move in plan_reverse_moves(path)] == moves
+    assert [(move.axis, round(move.position, 2)) for move in plan_reverse_moves(read_path(path))] == moves
 
 
-stances = st.builds(
-    AxisPositions,
-    st.floats(-1, 60).map(lambda v: round(v, 3)),
-    st.floats(-6, 6).map(lambda v: round(v, 3)),
-    st.floats(0, 20).map(lambda v: round(v, 3)),
-)
+stances = st.builds(AxisPositions, *(st.floats(*limits) for limits in ((-1, 60), (-6, 6), (0, 20))))
 
 
 @given(st.lists(stances, max_size=30))
@@ -142,12 +116,7 @@ def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path)
         rig.opened.rig.needle.forget_references(["insertion"])
         axis.assume_position(14.5)
         watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=ConfirmNeedleOut)
-        path = (
-            AxisPositions(0, 0, 0),
-            AxisPositions(6, 0, 5),
-            AxisPositions(6, 3, 5),
-            AxisPositions(14, 3, 5),
-        )
+        path = read_path(((0, 0, 0), (6, 0, 5), (6, 3, 5), (14, 3, 5)))
         with pytest.raises(SafetyStopError, match="no needle is in tissue"):
             withdraw(rig.session, path)
         assert rig.opened.rig.state.needle_in_tissue is True

@@ -40,8 +40,6 @@ def check(
     )
     for age in found.calibration:
         print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))
-    for note in found.plan.notes:
-        print_line(note)
     print_line(f"not checked here: {', '.join(found.left_to_run)}")
     return 0 if found.ok else 1
 

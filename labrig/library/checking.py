@@ -69,7 +69,6 @@ class Checked:
             "warnings": [asdict(warning) for warning in self.warnings],
             "duration_s": self.plan.duration_s,
             "disk_bytes": self.disk_bytes,
-            "notes": self.plan.notes,
             "operator_steps": self.plan.operator_steps,
             "calibration": [asdict(result) for result in self.calibration],
             "left_to_run": self.left_to_run,

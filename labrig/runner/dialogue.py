@@ -81,7 +81,7 @@ class Dialogue:
         Whether a specimen lies before the sheath; None if nobody has said it.
     calls : int
         The moves, pictures and questions so far: how far the run is.
-    notes, warnings : list
+    warnings : list of Problem
         What the procedure has said to whoever checks the protocol.
     past : Past
         What the record of an interrupted run holds.
@@ -107,7 +107,6 @@ class Dialogue:
     next_point: str = ""
     specimen: bool | None = None
     calls: int = 0
-    notes: list[str] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
     past: Past = NO_PAST
     begun: list[AnyTrial] = field(default_factory=list)

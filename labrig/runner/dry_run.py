@@ -231,7 +231,6 @@ def _describe(
         problems=tuple(problems),
         refusal=refusal,
         warnings=tuple(dialogue.warnings),
-        notes=tuple(dialogue.notes),
         uses_calibration=record.sights > 0,
     )
 

@@ -38,8 +38,6 @@ class RunPlan:
         Why the answer will be no although the run could be made, such as no path to a target.
     warnings : tuple of Problem
         Why the answer may be no, such as a tolerance below what the camera can certify.
-    notes : tuple of str
-        What is good to know beforehand, as sentences, such as a random order of holes.
     uses_calibration : bool
         Whether lengths are measured by the rig's calibration, so that the camera has to be as it was then.
     """
@@ -52,7 +50,6 @@ class RunPlan:
     problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
     warnings: tuple[Problem, ...] = ()
-    notes: tuple[str, ...] = ()
     uses_calibration: bool = False
 
     @property

@@ -1,27 +1,15 @@
-"""Steps of the operator before and after a run: confirm that the needle is out, and place the graph paper."""
+"""Graph paper that the operator lays into the steering plane before and after a run."""
 
 from functools import partial
 
 from labrig.analysis.sentinel import GridRole
-from labrig.devices.operator import ClearBench, ConfirmNeedleOut, LayGraphPaper
+from labrig.devices.operator import ClearBench, LayGraphPaper
 from labrig.errors import CalibrationRefusedError
 from labrig.protocol.sections import GridSentinel
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight, TakenPicture
+from labrig.runner.withdrawal import confirm_needle_out
 from labrig.vision.plane_check import compare_grids
-
-
-def confirm_needle_out(session: Session) -> None:
-    """Have the operator confirm that no needle is in tissue, unless the rig knows it.
-
-    Raises
-    ------
-    SafetyStopError
-        When the operator does not confirm.
-    """
-    if session.state.needle_in_tissue is not False:
-        session.ask(ConfirmNeedleOut(session.state.doubt))
-        session.rig.needle.mark_out()
 
 
 def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) -> TakenPicture | None:

@@ -8,7 +8,7 @@ question, `labrig pause`) to the next safe point, to an event of the record, to 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -117,6 +117,9 @@ class _ContinuedError(Exception):
 _POINTS = {BEFORE_QUESTION: "before the next question", AFTER_ANSWER: "after the answer"}
 """How a person reads where a pause has begun."""
 
+_AFTER_THE_ANSWER = "once the question at its terminal is answered"
+"""When a pause begins that is asked for during a question."""
+
 
 @dataclass(frozen=True)
 class Session:
@@ -203,11 +206,6 @@ class Session:
         return self.referenced == dict(self.description.axes.items()).keys()
 
     @property
-    def decisions(self) -> Decisions:
-        """What a person has decided so far."""
-        return self.dialogue.decisions
-
-    @property
     def is_judged(self) -> bool:
         """Whether conditions of the protocol are on values that `judge` takes."""
         return bool(self.dialogue.conditions)
@@ -227,10 +225,6 @@ class Session:
     def tell(self, doing: str) -> None:
         """Say what is being done, for whoever watches the progress."""
         self.progress(self.dialogue.calls, doing)
-
-    def note(self, sentence: str) -> None:
-        """Say what is good to know before the run; `labrig check` prints it."""
-        self.dialogue.notes.append(sentence)
 
     def warn(self, problem: Problem) -> None:
         """Say why the answer of the run may be no; `labrig check` prints it, and the run goes on."""
@@ -386,14 +380,6 @@ class Session:
                 return True
         return False
 
-    def _look_for_requests(self) -> None:
-        """Tell who has asked for a pause when it will begin."""
-        self.dialogue.requests.announce(self.dialogue.describe_next_point())
-
-    def _look_while_asking(self) -> None:
-        """Tell who has asked for a pause during a question."""
-        self.dialogue.requests.announce("once the question at its terminal is answered")
-
     def _look_for_continuation(self) -> None:
         """End a pause that is to end."""
         by = self.dialogue.requests.find_continuation()
@@ -435,9 +421,8 @@ class Session:
         """Ask once and record it."""
         offer = self.dialogue.make_offer()
         try:
-            answer = self.rig.ask(
-                request, offer, self._look_for_continuation if paused else self._look_while_asking
-            )
+            announce = partial(self.dialogue.requests.announce, _AFTER_THE_ANSWER)
+            answer = self.rig.ask(request, offer, self._look_for_continuation if paused else announce)
         except _ContinuedError as by:
             answer = Answer(confirmed=True, note=str(by))
         self.record(
@@ -541,12 +526,17 @@ class Session:
             self.record(TrialStart(trial=attempt.number, repeats=attempt.repeats))
 
     def wait_until(self, axis_name: str, passing: float | None = None) -> Mapping[str, DriveReading]:
-        """Record states until an axis has arrived, or is beyond a position on its way up; return the last ones.
+        """Record the states of all axes until one has arrived, or is beyond a position on its way up; return the last.
 
-        Raises as `record_next_states`.
+        Raises
+        ------
+        DriveError, BusError, InterruptedRunError
+            All axes have been stopped.
         """
         while True:
-            states = self.record_next_states(axis_name, passing)
+            self.rig.await_reading(axis_name, passing)
+            self.dialogue.requests.announce(self.dialogue.describe_next_point())
+            states = self.read_states()
             if _is_past(states[axis_name], passing):
                 return states
 
@@ -574,24 +564,8 @@ class Session:
         setpoint = self.rig.start_move(axis_name, position, speed)
         self.record(Move(axis=axis_name, **asdict(setpoint)))
 
-    def record_next_states(
-        self, axis_name: str | None = None, passing: float | None = None
-    ) -> Mapping[str, DriveReading]:
-        """Wait for one period of the recorded states, record the states of all axes, and return them.
-
-        `axis_name` and `passing` say what is waited for, as in `wait_until`.
-
-        Raises
-        ------
-        DriveError, BusError, InterruptedRunError
-            All axes have been stopped.
-        """
-        self.rig.await_reading(axis_name, passing)
-        self._look_for_requests()
-        return self.read_states()
-
     def read_states(self) -> Mapping[str, DriveReading]:
-        """Read every axis now, record it, and return it. Raises as `record_next_states`."""
+        """Read every axis now, record it, and return it. Raises as `wait_until`."""
         states = self.rig.read_states()
         line = write_state_line(self.description, states)
         self._write(partial(self.recorder.state, self.rig.clock.now_s(), **line))
@@ -602,7 +576,7 @@ class Session:
         return collect_axis_positions(self.read_states())
 
     def wait(self, duration_s: float) -> None:
-        """Let rig time pass; the axes are supervised. Raises as `record_next_states`."""
+        """Let rig time pass; the axes are supervised. Raises as `wait_until`."""
         self.rig.wait(duration_s)
 
     def stop(self) -> None:

@@ -8,7 +8,8 @@ turning back, its stiff tip would cut another track. The path consists of the ax
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from itertools import groupby
 
 import pandas as pd
 
@@ -95,7 +96,8 @@ def plan_reverse_moves(path: Sequence[AxisPositions]) -> tuple[ReverseMove, ...]
         The needle never goes deeper. It ends flush with the sheath (0 mm), then the sheath goes to 0 mm; the bevel
         ends at its roll at the entry.
     """
-    return tuple(_join_moves(_plan_moves(path))) if path else ()
+    moves = _plan_moves(path) if path else ()
+    return tuple(list(same)[-1] for _, same in groupby(moves, key=lambda move: move.axis))
 
 
 def _plan_moves(path: Sequence[AxisPositions]) -> Iterator[ReverseMove]:
@@ -127,16 +129,6 @@ def _find_path_in_tissue(path: Sequence[AxisPositions]) -> list[AxisPositions]:
     return lying[outside[-1] if outside else 0 :]
 
 
-def _join_moves(moves: Iterator[ReverseMove]) -> list[ReverseMove]:
-    """Join consecutive moves of one axis into one."""
-    joined: list[ReverseMove] = []
-    for move in moves:
-        if joined and joined[-1].axis == move.axis:
-            joined.pop()
-        joined.append(move)
-    return joined
-
-
 def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[str, float] = SLOWLY) -> None:
     """Withdraw the needle along its path, and then the sheath.
 
@@ -161,17 +153,26 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[st
     """
     moves = plan_reverse_moves((*path, session.read_positions()))
     session.record(WithdrawalStart(moves=len(moves)))
-    _make_moves(session, moves, speeds)
+    for move in moves:
+        axis = session.axis(move.axis)
+        session.move(move.axis, move.position, axis.nearest_speed(min(speeds[move.axis], axis.max_speed)))
     if not session.is_referenced:
         session.ask(ConfirmNeedleOut("the positions from which it was withdrawn were only believed"))
     session.rig.needle.mark_out()
     session.record(WithdrawalStop())
 
 
-def _make_moves(session: Session, moves: Sequence[ReverseMove], speeds: Mapping[str, float]) -> None:
-    for move in moves:
-        axis = session.axis(move.axis)
-        session.move(move.axis, move.position, axis.nearest_speed(min(speeds[move.axis], axis.max_speed)))
+def confirm_needle_out(session: Session) -> None:
+    """Have the operator confirm that no needle is in tissue, unless the rig knows it.
+
+    Raises
+    ------
+    SafetyStopError
+        When the operator does not confirm.
+    """
+    if session.state.needle_in_tissue is not False:
+        session.ask(ConfirmNeedleOut(session.state.doubt))
+        session.rig.needle.mark_out()
 
 
 def take_needle_out(session: Session, path: Sequence[AxisPositions]) -> None:
@@ -180,15 +181,12 @@ def take_needle_out(session: Session, path: Sequence[AxisPositions]) -> None:
     It can only be withdrawn along its path if every drive has kept its reference; otherwise its position is unknown.
     """
     state = session.state
-    if state.needle_in_tissue is False:
-        return
-    if path and state.since_run == session.run_name and session.is_referenced:
+    is_known = path and state.since_run == session.run_name and session.is_referenced
+    if state.needle_in_tissue is not False and is_known:
         deepest_mm = max(positions.insertion_mm for positions in path)
         if session.offer(WithdrawNeedle(session.run_name, deepest_mm)):
             withdraw(session, path)
-            return
-    session.ask(ConfirmNeedleOut(state.doubt))
-    session.rig.needle.mark_out()
+    confirm_needle_out(session)
 
 
 def recover(session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions) -> None:
@@ -212,16 +210,11 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
     DriveError, BusError, InterruptedRunError
         The needle still counts as in tissue.
     """
-    assumed = {
-        "insertion": standing.insertion_mm,
-        "rotation": standing.rotation_rad,
-        "linear": standing.linear_mm,
-    }
+    assumed = dict(zip(("insertion", "rotation", "linear"), astuple(standing), strict=True))
     lost = tuple(name for name in assumed if name not in session.referenced)
     if lost:
-        session.ask(
-            ConfirmStance(run_name, standing.insertion_mm, standing.rotation_rad, standing.linear_mm, lost)
-        )
+        insertion_mm, rotation_rad, linear_mm = astuple(standing)
+        session.ask(ConfirmStance(run_name, insertion_mm, rotation_rad, linear_mm, lost))
         session.rig.assume_positions({name: assumed[name] for name in lost})
     moves = plan_reverse_moves((*path, session.read_positions()))
     session.ask(ConfirmWithdrawal(tuple(_describe_move(move) for move in moves)))

@@ -64,10 +64,10 @@ from labrig.experiments.insertion.settings import (
 )
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
-from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
+from labrig.runner.graph_paper import photograph_grid, require_same_grid
 from labrig.runner.session import Session, TrialRun
 from labrig.runner.sight import Sight, TakenPicture
-from labrig.runner.withdrawal import find_speeds, withdraw
+from labrig.runner.withdrawal import confirm_needle_out, find_speeds, withdraw
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState

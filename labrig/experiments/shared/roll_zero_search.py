@@ -22,10 +22,9 @@ from labrig.experiments.shared.roll_zero_events import (
 )
 from labrig.experiments.shared.torsion_measurement import measure_torsion
 from labrig.protocol.sections import RollZeroSearch, RollZeroSteps
-from labrig.runner.graph_paper import confirm_needle_out
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight
-from labrig.runner.withdrawal import find_speeds, withdraw
+from labrig.runner.withdrawal import confirm_needle_out, find_speeds, withdraw
 from labrig.steering.roll_zero import fit_roll_zero
 
 

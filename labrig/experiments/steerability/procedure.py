@@ -27,9 +27,10 @@ from labrig.experiments.steerability.holes import (
 )
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import TrackedSpecimen
-from labrig.runner.graph_paper import confirm_needle_out, photograph_grid
+from labrig.runner.graph_paper import photograph_grid
 from labrig.runner.session import Session, TrialRun
 from labrig.runner.sight import Sight
+from labrig.runner.withdrawal import confirm_needle_out
 
 
 def run(protocol: SteerabilityProtocol, session: Session) -> None:

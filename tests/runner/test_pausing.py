@@ -90,12 +90,10 @@ class Chooses:
     at: type[OperatorRequest]
     answers: list[Answer | None]
     asked: list[str] = field(default_factory=list)
-    offers: list[Offer] = field(default_factory=list)
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
         """Answer."""
         self.asked.append(request.text)
-        self.offers.append(offer)
         if isinstance(request, Paused):
             meanwhile()
         answer = self.answers.pop(0) if isinstance(request, self.at) and self.answers else None

@@ -1,6 +1,7 @@
 """A synthetic sweep, recorded and measured once for all tests that only read it."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 
@@ -28,16 +29,10 @@ class MeasuredRun:
         return self.result.content
 
 
-def measure(run: Run, *overrides: str, workers: int = 1) -> MeasuredRun:
-    """Analyse a run in this process."""
-    result = analyze_run(
-        run,
-        find_run_experiment(run),
-        overrides=overrides,
-        workers=workers,
-        created=NOW,
-        provenance=PROVENANCE,
-    )
+def measure(run: Run, *overrides: str, workers: int = 1, **options: Any) -> MeasuredRun:
+    """Analyse a run, in this process unless there are several workers."""
+    known = {"created": NOW, "provenance": PROVENANCE, "workers": workers, **options}
+    result = analyze_run(run, find_run_experiment(run), overrides=overrides, **known)
     return MeasuredRun(open_run(run.path), result)
 
 

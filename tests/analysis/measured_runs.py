@@ -6,30 +6,15 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from labrig.record.reader import open_run
 from labrig.record.results import finish_result, new_result_dir
 from labrig.record.writer import Recorder, opening_files
 from tests.record.runs import ENDED, STARTED, picture
 
-COLUMNS = [
-    "frame",
-    "role",
-    "trial",
-    "specimen",
-    "gelatin_percent",
-    "hole",
-    "needle_id",
-    "accepted",
-    "reason",
-    "radius_mm",
-    "sigma_radius_lens_mm",
-    "sigma_radius_plane_mm",
-    "sigma_radius_surface_mm",
-    "sigma_radius_roll_mm",
-    "sigma_radius_lighting_mm",
-    "sigma_radius_fit_mm",
-]
 SIGMAS_MM = {"lens": 0.03, "plane": 0.04, "surface": None, "roll": 0.12, "lighting": 0.01, "fit": 0.05}
+COLUMNS = [
+    "frame", "role", "trial", "specimen", "gelatin_percent", "hole", "needle_id", "accepted", "reason", "radius_mm",
+    *(f"sigma_radius_{source}_mm" for source in SIGMAS_MM),
+]  # fmt: skip
 PROTOCOL_YAML = "experiment: import\nseed: 7\ninsertion: {speed_mm_s: 1.0}\n"
 
 
@@ -59,35 +44,29 @@ def write_measured_run(
     rows: list[list[object]] = []
     for (specimen, gelatin), values in radii_mm.items():
         for hole, radius_mm in enumerate(values):
-            trial, frame = len(rows) // 2, len(rows)
-            place = {"specimen": specimen, "gelatin_percent": gelatin, "hole": hole, "needle_id": needle_id}
-            recorder.event("trial_start", 60.0 * trial, trial=trial, **place)
-            for number, role in ((frame, "advance"), (frame + 1, "final")):
-                recorder.frame(
-                    picture(number), 60.0 * trial + 40.0, trial=trial, role=role, insertion_mm=40.0
-                )
-            stopped = {"trial": trial, "exit_status": "success", "final_frame": frame + 1}
+            trial, reason = len(rows) // 2, "too faint" if radius_mm is None else None
+            named = {"specimen": specimen, "gelatin_percent": gelatin, "hole": hole, "needle_id": needle_id}
+            recorder.event("trial_start", 60.0 * trial, trial=trial, **named)
+            for role, found, why in (("advance", 99.0, None), ("final", radius_mm, reason)):
+                number, shown = len(rows), {"trial": trial, "role": role, "insertion_mm": 40.0}
+                recorder.frame(picture(number), 60.0 * trial + 40.0, **shown)
+                told = (number, role, trial, *named.values(), found is not None, why, found)
+                rows.append([*told, *SIGMAS_MM.values()])
+            stopped = {"trial": trial, "exit_status": "success", "final_frame": len(rows) - 1}
             recorder.event("trial_stop", 60.0 * trial + 50.0, **stopped)
             if trial in (bad or {}):
                 recorder.event("mark_bad", 60.0 * trial + 55.0, trial=trial, reason=(bad or {})[trial])
-            named = [trial, specimen, gelatin, hole, needle_id]
-            rows.append([frame, "advance", *named, True, None, 99.0, *SIGMAS_MM.values()])
-            reason = "too faint" if radius_mm is None else None
-            rows.append(
-                [frame + 1, "final", *named, radius_mm is not None, reason, radius_mm, *SIGMAS_MM.values()]
-            )
     recorder.close("success", "", ENDED)
     if result:
-        add_result(recorder.path, rows, {} if settings is None else settings, overrides)
+        _add_result(recorder.path, rows, settings or {}, overrides)
     return recorder.path
 
 
-def add_result(
+def _add_result(
     run: Path, rows: Sequence[Sequence[object]], settings: Mapping[str, object], overrides: Sequence[str]
 ) -> None:
-    """Write a result with its tables, and the link over it."""
-    opened = open_run(run)
-    folder = new_result_dir(opened.path)
+    """Write a result with its table."""
+    folder = new_result_dir(run)
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
     (folder / "measurements.csv").write_text(text.getvalue(), encoding="utf-8")

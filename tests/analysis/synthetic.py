@@ -9,9 +9,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
@@ -21,11 +19,11 @@ from labrig.simulation.world import World
 from labrig.vision.calibration_file import save_plane
 from labrig.vision.plane import PlaneMap
 from tests.protocol_texts import load_text
+from tests.vision.renderer import Gel, Needle, Photo, Picture, flat_camera
 
 NOW = datetime(2026, 11, 21, 9, 30, tzinfo=UTC)
-PX_PER_MM = 10.0
-ORIGIN_PX = (120.0, 70.0)
-SIZE = (480, 380)
+PX_PER_MM, ORIGIN_PX, SIZE = 10.0, (120.0, 70.0), (480, 380)
+CAMERA = replace(flat_camera(PX_PER_MM, SIZE), origin_px=ORIGIN_PX)
 LENGTH_MM = 40.0
 # On the way: too little for a radius, and enough.
 ADVANCE_MM = (10.0, 30.0)
@@ -34,24 +32,12 @@ DRIVE = {
     "rpm_per_speed": 120.0,
     "drive": {"hardware_version": 0x6220, "software_version": 0x2110},
 }
+DEVICES = {
+    "axes": {"insertion": DRIVE},
+    "camera": {"asked": {"exposure_s": 0.01}, "readback": {"exposure_s": 0.01}},
+}
 PROVENANCE = {"labrig": "0.1.0", "git_commit": None, "git_dirty": False, "packages": {"numpy": "2"}}
-
-_PROTOCOL = """
-schema_version: 1
-experiment: steerability
-title: {title}
-operator: {operator}
-notes: {notes}
-seed: 7
-needle: {{needle_id: N1, diameter_mm: 1.2, design_radius_mm: 30}}
-specimens: [{specimens}]
-insertions_per_specimen: {insertions}
-hole_spacing_mm: 10
-specimen_width_mm: 240
-sheath: {{depth_mm: 15, speed_mm_s: 5, diameter_mm: 2.0}}
-insertion: {{length_mm: 40, speed_mm_s: 1, withdraw_speed_mm_s: 5, frame_every_mm: 20}}
-analysis: {{window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_sigma_mm: 0.5}}
-"""
+_ANALYSIS = "{window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_sigma_mm: 0.5}"
 
 
 @dataclass(frozen=True)
@@ -74,19 +60,11 @@ class SyntheticSweep:
 
 def needle_picture(
     radius_mm: float | None, length_mm: float = LENGTH_MM, seed: int = 0, roll_rad: float = 0.0
-) -> NDArray[np.uint8]:
+) -> Picture:
     """Draw sheath and needle, turned about its axis; no needle for a radius of None."""
-    width, height = SIZE
-    image = np.full((height, width), 165, np.uint8)
-    u0, v0 = ORIGIN_PX
-    if radius_mm is not None:
-        angle = np.linspace(0.0, length_mm / radius_mm, 200)
-        z, depth = radius_mm * np.sin(angle), radius_mm * (1.0 - np.cos(angle))
-        points = np.column_stack((u0 + PX_PER_MM * z, v0 + PX_PER_MM * depth * np.cos(roll_rad)))
-        cv2.polylines(image, [np.round(points * 16).astype(np.int32)], False, 50, 12, cv2.LINE_AA, 4)
-    cv2.rectangle(image, (0, int(v0) - 10), (int(u0), int(v0) + 10), 95, -1)
-    noise = np.random.default_rng(seed).normal(0.0, 2.0, image.shape)
-    return np.clip(cv2.GaussianBlur(image, (0, 0), 0.9) + noise, 0, 255).round().astype(np.uint8)
+    steel = Needle(level=50.0, sheath_level=95.0, line=0.0, bevel=0.0, roll_rad=roll_rad, length_mm=-1.0)
+    needle = steel if radius_mm is None else replace(steel, radius_mm=radius_mm, length_mm=length_mm)
+    return Gel(needle, CAMERA, Photo(blur_px=0.9, noise=2.0), tracks_mm=(), bubbles=0).take(seed)
 
 
 def plane_file(folder: Path) -> Path:
@@ -96,43 +74,60 @@ def plane_file(folder: Path) -> Path:
     return path
 
 
+def _create(folder: Path, name: str, text: str, plane: Path | None, **manifest: object) -> Recorder:
+    """Begin the record of a protocol, with a plane map."""
+    protocol = load_text(f"schema_version: 1\n{text}")
+    files = opening_files(dump_yaml(protocol), None, {"plane.json": plane} if plane else {})
+    told = {
+        "experiment": protocol.experiment,
+        "title": protocol.title,
+        "started": NOW,
+        "provenance": PROVENANCE,
+    }
+    return Recorder.create(folder, name, {**told, **manifest}, files)
+
+
+def _close(recorder: Recorder, exit_status: str | None = "success") -> Run:
+    if exit_status is not None:
+        recorder.close(exit_status, "" if exit_status == "success" else "the operator said no", NOW)
+    return open_run(recorder.path)
+
+
 def record_sweep(folder: Path, sweep: SyntheticSweep | None = None) -> Run:
     """Record a sweep into `folder/run` and open it."""
     sweep = sweep or SyntheticSweep()
     insertions = max(1, *(len(radii) for radii in sweep.radii_mm.values()))
     specimens = dict(zip(sweep.radii_mm, sweep.gelatin_percent, strict=True))
-    protocol = load_text(
-        _PROTOCOL.format(
-            title=_quote(sweep.title),
-            operator=_quote(sweep.operator),
-            notes=_quote(sweep.notes),
-            specimens=", ".join(
-                f"{{name: {_quote(name)}, gelatin_percent: {percent}}}" for name, percent in specimens.items()
-            ),
-            insertions=insertions,
-        )
-    )
-    manifest = {
-        "experiment": "steerability", "started": NOW, "title": sweep.title, "operator": sweep.operator, "seed": 7,
-        "trials_planned": insertions * len(specimens), "provenance": PROVENANCE,
-        "devices": {
-            "axes": {"insertion": DRIVE},
-            "camera": {"asked": {"exposure_s": 0.01}, "readback": {"exposure_s": 0.01}},
-        },
-    }  # fmt: skip
-    calibration = {"plane.json": plane_file(folder)} if sweep.plane else {}
-    recorder = Recorder.create(folder, "run", manifest, opening_files(dump_yaml(protocol), None, calibration))
-    trial = 0
-    for name, percent in specimens.items():
-        for hole, radius_mm in enumerate(sweep.radii_mm[name]):
-            place: dict[str, object] = {"specimen": name, "gelatin_percent": percent, "hole": hole}
-            _record_trial(recorder, sweep, trial, place, radius_mm)
-            trial += 1
-    if sweep.exit_status is not None:
-        recorder.close(
-            sweep.exit_status, "" if sweep.exit_status == "success" else "the operator said no", NOW
-        )
-    return open_run(recorder.path)
+    blocks = (f"{{name: {_quote(name)}, gelatin_percent: {percent}}}" for name, percent in specimens.items())
+    text = f"""
+experiment: steerability
+title: {_quote(sweep.title)}
+operator: {_quote(sweep.operator)}
+notes: {_quote(sweep.notes)}
+seed: 7
+needle: {{needle_id: N1, diameter_mm: 1.2, design_radius_mm: 30}}
+specimens: [{", ".join(blocks)}]
+insertions_per_specimen: {insertions}
+hole_spacing_mm: 10
+specimen_width_mm: 240
+sheath: {{depth_mm: 15, speed_mm_s: 5, diameter_mm: 2.0}}
+insertion: {{length_mm: 40, speed_mm_s: 1, withdraw_speed_mm_s: 5, frame_every_mm: 20}}
+analysis: {_ANALYSIS}
+"""
+    more = {
+        "operator": sweep.operator,
+        "seed": 7,
+        "trials_planned": insertions * len(specimens),
+        "devices": DEVICES,
+    }
+    recorder = _create(folder, "run", text, plane_file(folder) if sweep.plane else None, **more)
+    trials = [
+        (name, hole, radius) for name, radii in sweep.radii_mm.items() for hole, radius in enumerate(radii)
+    ]
+    for trial, (name, hole, radius_mm) in enumerate(trials):
+        place: dict[str, object] = {"specimen": name, "gelatin_percent": specimens[name], "hole": hole}
+        _record_trial(recorder, sweep, trial, place, radius_mm)
+    return _close(recorder, sweep.exit_status)
 
 
 def _record_trial(
@@ -157,33 +152,33 @@ def _record_trial(
     recorder.event("trial_stop", t_s + 50, trial=trial, exit_status="success", final_frame=final)
 
 
+def abort_sweep(sweep: SyntheticSweep) -> SyntheticSweep:
+    """Return the sweep as it is when the operator says no before the last final picture."""
+    last = sum(len(radii) for radii in sweep.radii_mm.values()) - 1
+    return replace(sweep, exit_status="aborted", without_final=frozenset({last}))
+
+
 def record_import(folder: Path, radii_mm: Sequence[float | None]) -> Run:
     """Record loose pictures, one a radius, into `folder/import` and open it."""
-    text = """
-schema_version: 1
+    text = f"""
 experiment: import
 title: Loose pictures
 seed: 1
-needle: {needle_id: unknown, diameter_mm: 1.2}
+needle: {{needle_id: unknown, diameter_mm: 1.2}}
 sheath_diameter_mm: 2.0
-scale: {px_per_mm: 10, origin_px: [120, 70], insertion: right}
-analysis: {window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_sigma_mm: 0.5}
+scale: {{px_per_mm: 10, origin_px: [120, 70], insertion: right}}
+analysis: {_ANALYSIS}
 """
-    protocol = load_text(text)
-    manifest = {"experiment": "import", "started": NOW, "title": "Loose pictures", "provenance": PROVENANCE}
-    recorder = Recorder.create(folder, "import", manifest, opening_files(dump_yaml(protocol)))
+    recorder = _create(folder, "import", text, None)
     for number, radius_mm in enumerate(radii_mm):
-        recorder.frame(
-            needle_picture(radius_mm), float(number), trial=None, role="imported", source=f"photo{number}.jpg"
-        )
-    recorder.close("success", "", NOW)
-    return open_run(recorder.path)
+        named = {"role": "imported", "source": f"photo{number}.jpg"}
+        recorder.frame(needle_picture(radius_mm), float(number), trial=None, **named)
+    return _close(recorder)
 
 
 def record_roll_zero(folder: Path, zero_rad: float, without_needle: frozenset[int] = frozenset()) -> Run:
     """Record short insertions at six rolls of a needle that bends towards -y at `zero_rad`, and open the run."""
     text = """
-schema_version: 1
 experiment: roll-zero
 title: Roll zero
 seed: 1
@@ -192,29 +187,13 @@ sheath: {depth_mm: 15, speed_mm_s: 5, diameter_mm: 2.0}
 insertion: {speed_mm_s: 1, withdraw_speed_mm_s: 5}
 roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 14, max_sd_deg: 3}
 """
-    manifest = {"experiment": "roll-zero", "started": NOW, "title": "Roll zero", "provenance": PROVENANCE}
-    protocol = dump_yaml(load_text(text))
-    recorder = Recorder.create(
-        folder, "roll-zero", manifest, opening_files(protocol, None, {"plane.json": plane_file(folder)})
-    )
+    recorder = _create(folder, "roll-zero", text, plane_file(folder))
     for step in range(6):
         roll_rad = step * np.pi / 3
-        drawn = None if step in without_needle else 28.0
-        picture = needle_picture(drawn, 14.0, step, roll_rad - zero_rad)
+        picture = needle_picture(None if step in without_needle else 28.0, 14.0, step, roll_rad - zero_rad)
         place = {"insertion_mm": 14.0, "rotation_rad": roll_rad, "linear_mm": 15.0}
         recorder.frame(picture, 60.0 * step, trial=None, role="roll-zero", **place)
-    recorder.close("success", "", NOW)
-    return open_run(recorder.path)
-
-
-def abort_sweep(sweep: SyntheticSweep) -> SyntheticSweep:
-    """Return the sweep as it is when the operator says no before the last final picture."""
-    last = sum(len(radii) for radii in sweep.radii_mm.values()) - 1
-    return replace(sweep, exit_status="aborted", without_final=frozenset({last}))
-
-
-def _quote(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
+    return _close(recorder)
 
 
 def record_calibration(
@@ -233,7 +212,6 @@ def record_calibration(
     """
     distance = "null" if distance_mm is None else distance_mm
     text = f"""
-schema_version: 1
 experiment: camera-calibration
 title: Camera
 seed: 1
@@ -241,28 +219,18 @@ board: {{columns: 9, rows: 6, square_mm: 4}}
 views: 12
 plane: {{pitch_mm: 1, distance_mm: {distance}, origin_px: [320, 200], insertion: right, gel: {gel}}}
 """
+    camera = {"readback": {"pixel_format": "GREY"}, "reported": {"focus": 0}}
+    recorder = _create(folder, "calibration", text, last, devices={"camera": camera})
     world = World(WorldDescription(), seed=1)
-    manifest = {
-        "experiment": "camera-calibration",
-        "started": NOW,
-        "title": "Camera",
-        "provenance": PROVENANCE,
-        "devices": {"camera": {"readback": {"pixel_format": "GREY"}, "reported": {"focus": 0}}},
-    }
-    recorder = Recorder.create(
-        folder,
-        "calibration",
-        manifest,
-        opening_files(dump_yaml(load_text(text)), None, {} if last is None else {"plane.json": last}),
-    )
-    for view in range(views):
-        if hold_board:
+    for view in range(views + bool(views)):
+        if hold_board and view < views:
             world.hold_board(view, 9, 6, 4.0)
         else:
             world.lay_graph_paper(1.0)
-        recorder.frame(world.picture(), float(view), trial=None, role="board")
-    if views:
-        world.lay_graph_paper(1.0)
-        recorder.frame(world.picture(), float(views), trial=None, role="graph-paper")
-    recorder.close("success" if views else "aborted", "" if views else "the operator said no", NOW)
-    return open_run(recorder.path)
+        role = "board" if view < views else "graph-paper"
+        recorder.frame(world.picture(), float(view), trial=None, role=role)
+    return _close(recorder, "success" if views else "aborted")
+
+
+def _quote(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"

@@ -15,16 +15,14 @@ import numpy as np
 import pytest
 
 from labrig.analysis.result import load_centre_lines
-from labrig.analysis.run import analyze_run
 from labrig.errors import DiskError, FileFormatError, InputError, RecordError
-from labrig.experiments.registry import find_run_experiment, load_run_result
+from labrig.experiments.registry import load_run_result
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import open_run
 from labrig.record.results import finish_result
 from tests.analysis.conftest import MeasuredRun, measure
 from tests.analysis.synthetic import (
     LENGTH_MM,
-    NOW,
     SyntheticSweep,
     abort_sweep,
     record_import,
@@ -42,13 +40,18 @@ def _raw_bytes(run: Path) -> dict[str, str]:
 
 
 def test_each_radius_is_that_of_the_drawn_arc(measured: MeasuredRun) -> None:
-    """Final pictures give the drawn radii within 0.05 mm, by gel, with the interval of the mean."""
+    """Final pictures give the drawn radii within 0.05 mm, by gel, with the interval of the mean.
+
+    Drawn means count every drawn radius, and the worst error is that of an accepted picture.
+    """
     first, second = measured.content.specimens
     assert (first.name, first.n, first.mean_radius_mm) == ("gel A", 2, pytest.approx(28.3, abs=0.05))
     assert first.ci95_mm is not None
     assert first.ci95_mm[0] < 28.3 < first.ci95_mm[1]
     assert (second.n, second.mean_radius_mm, second.sd_radius_mm) == (1, pytest.approx(27.0, abs=0.05), None)
     assert measured.content.mean_radius_mm == pytest.approx((28.3 + 27.0) / 2, abs=0.05)
+    assert [gel.true_mean_radius_mm for gel in (first, second)] == pytest.approx([28.3, 27.2])
+    assert [gel.worst_error_mm for gel in (first, second)] == pytest.approx([0.0, 0.0], abs=0.05)
 
 
 def test_every_picture_of_the_needle_is_measured_and_no_other(measured: MeasuredRun) -> None:
@@ -73,14 +76,6 @@ def test_a_result_that_cannot_be_written_leaves_no_folder(tmp_path: Path) -> Non
             measure(run)
         assert list((run.path / "analysis").iterdir()) == []
     assert measure(run).result.path.name == "001"
-
-
-def test_the_comparison_with_the_truth_is_kept_apart(measured: MeasuredRun) -> None:
-    """Drawn means count every drawn radius, and the worst error is that of an accepted picture."""
-    specimens = measured.content.specimens
-    assert [specimen.true_mean_radius_mm for specimen in specimens] == pytest.approx([28.3, 27.2])
-    errors_mm = [specimen.worst_error_mm for specimen in specimens if specimen.worst_error_mm is not None]
-    assert errors_mm == pytest.approx([0.0] * len(errors_mm), abs=0.05)
 
 
 def test_damage_is_named_and_the_batch_goes_on(tmp_path: Path) -> None:
@@ -110,18 +105,11 @@ def test_damage_is_named_and_the_batch_goes_on(tmp_path: Path) -> None:
     assert found.mean_radius_mm is not None
 
 
-def test_a_torn_last_line_of_a_killed_run_is_no_damage(tmp_path: Path) -> None:
-    """The torn last line of a killed process does not count as damage."""
-    run = record_sweep(tmp_path, SyntheticSweep(exit_status=None))
-    with (run.path / "states.jsonl").open("ab") as file:
-        file.write(b'{"t_s":')
-    again = open_run(run.path)
-    assert measure(again).content.damage == ()
-
-
 def test_the_result_is_the_same_for_any_number_of_workers(measured: MeasuredRun) -> None:
-    """Parallel work changes neither a digit nor the order."""
-    parallel = measure(measured.run, workers=3)
+    """Parallel work changes neither a digit nor the order, and progress is told after each picture."""
+    updates: list[tuple[int, int]] = []
+    parallel = measure(measured.run, workers=3, progress=lambda done, total: updates.append((done, total)))
+    assert updates == [(number, 12) for number in range(1, 13)]
     assert parallel.content.measurements == measured.content.measurements
     assert parallel.content.specimens == measured.content.specimens
     for name in ("measurements.csv", "specimens.csv"):
@@ -157,22 +145,11 @@ analyze_run(run, find_run_experiment(run), workers=2, progress=die, created=NOW,
         os.close(worker)
 
 
-def test_progress_is_told_after_each_picture(measured: MeasuredRun) -> None:
-    """Progress is reported after each picture, up to their number."""
-    updates: list[tuple[int, int]] = []
-    analyze_run(
-        measured.run,
-        find_run_experiment(measured.run),
-        workers=1,
-        progress=lambda done, total: updates.append((done, total)),
-        created=NOW,
-        provenance={},
-    )
-    assert updates == [(number, 12) for number in range(1, 13)]
-
-
 def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(tmp_path: Path) -> None:
-    """Reanalysis numbers its result on, names its parent, and rewrites no raw byte; a copy beside them is no result."""
+    """Reanalysis numbers its result on, names its parent, and rewrites no raw byte; a copy beside them is no result.
+
+    The newest is read, or the one asked for, as it was written.
+    """
     run = record_sweep(tmp_path)
     before = _raw_bytes(run.path)
     assert load_run_result(run) is None
@@ -186,14 +163,7 @@ def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(tmp_path
     assert _raw_bytes(run.path) == before
     shutil.copytree(second.path, second.path.with_name("002.bak"))
     assert run.result_numbers == (1, 2)
-
-
-def test_results_are_read_back_as_they_were_written(measured: MeasuredRun) -> None:
-    """load_result gives the newest result, or the one asked for, equal to what analyze_run returned."""
-    assert load_run_result(measured.run, 1) == measured.result
-    newest = load_run_result(measured.run)
-    assert newest is not None
-    assert newest.path.name == max(path.name for path in (measured.run.path / "analysis").iterdir())
+    assert (load_run_result(run, 1), load_run_result(run)) == (first, second)
 
 
 def test_a_damaged_result_is_refused_with_its_path(tmp_path: Path) -> None:
@@ -227,21 +197,20 @@ def test_damaged_centre_lines_are_refused_with_their_path(
         load_centre_lines(tmp_path)
 
 
-def test_only_the_analysis_section_can_be_overridden(measured: MeasuredRun) -> None:
-    """What the rig did cannot be changed afterwards; a wrong key of the section is refused with a hint."""
-    with pytest.raises(InputError, match="needle"):
-        measure(measured.run, "needle.diameter_mm=2")
-    with pytest.raises(FileFormatError) as refusal:
-        measure(measured.run, "analysis.window_begin_mm=2")
-    assert "window_begin_mm" in str(refusal.value)
-
-
-def test_of_an_insertion_only_what_its_measurement_reads_can_be_overridden() -> None:
-    """Another planner would have steered another way: that is a campaign's question."""
-    run = open_run(Path(__file__).parents[1] / "records" / "insertion")
-    for override in ("planner.method=paper", "policy.near_mm=0", "estimator=1", "planner.radius_mm_=30"):
-        with pytest.raises(InputError, match=r"only estimator\.\*, planner\.radius_mm"):
-            measure(run, override)
+@pytest.mark.parametrize(
+    ("record", "override", "words"),
+    [
+        ("steerability", "needle.diameter_mm=2", "needle"),
+        ("steerability", "analysis.window_begin_mm=2", "window_begin_mm"),
+        *(("insertion", each, r"only estimator\.\*, planner\.radius_mm")
+          for each in ("planner.method=paper", "policy.near_mm=0", "estimator=1", "planner.radius_mm_=30")),
+    ],
+)  # fmt: skip
+def test_only_what_a_measurement_reads_can_be_overridden(record: str, override: str, words: str) -> None:
+    """What the rig did cannot be changed afterwards; another planner would have steered another way."""
+    run = open_run(Path(__file__).parents[1] / "records" / record)
+    with pytest.raises((InputError, FileFormatError), match=words):
+        measure(run, override)
 
 
 def test_an_analysis_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
@@ -320,9 +289,16 @@ def test_the_result_names_what_it_rests_on(measured: MeasuredRun) -> None:
     [abort_sweep(SyntheticSweep()), SyntheticSweep(exit_status=None, without_final=frozenset({2, 3}))],
 )
 def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(tmp_path: Path, sweep: SyntheticSweep) -> None:
-    """Aborted and killed runs give the insertions that they have, and say which left no final picture."""
+    """Aborted and killed runs give the insertions that they have, and say which left no final picture.
+
+    The torn last line of a killed process does not count as damage.
+    """
     run = record_sweep(tmp_path, sweep)
-    content = measure(run).content
+    if sweep.exit_status is None:
+        with (run.path / "states.jsonl").open("ab") as file:
+            file.write(b'{"t_s":')
+    content = measure(open_run(run.path)).content
+    assert content.damage == ()
     assert sum(specimen.n for specimen in content.specimens) == 4 - len(sweep.without_final)
     assert sum(specimen.without_final_picture for specimen in content.specimens) == len(sweep.without_final)
 

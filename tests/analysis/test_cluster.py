@@ -5,10 +5,8 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
-from threading import Event
 
 import dask
 import pytest
@@ -79,40 +77,26 @@ def test_a_cluster_measures_the_pictures_of_runs(cluster: LocalCluster, tmp_path
         assert compare_results(alone.document, outcome.document).verdict is Verdict.IDENTICAL
 
 
-@contextmanager
-def join(cluster: LocalCluster, folder: Path, environment: Mapping[str, str]) -> Iterator[None]:
-    """Have a worker with other variables join the two of the cluster, until the block ends."""
-    command = (sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address)
-    worker = subprocess.Popen(
-        [*command, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"],
-        cwd=folder,
-        env={**os.environ, **environment},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        with Client(cluster.scheduler_address) as client:
-            client.wait_for_workers(3, timeout=300)
-        yield
-    finally:
-        worker.terminate()
-        worker.wait()
-        with Client(cluster.scheduler_address) as client:
-            while len(client.nthreads()) > 2:
-                Event().wait(0.05)
-
-
 def test_a_worker_of_another_installation_is_refused(cluster: LocalCluster, tmp_path: Path) -> None:
     """A worker with other code is named with its first task."""
     shutil.copytree(ROOT / "labrig", tmp_path / "labrig", ignore=shutil.ignore_patterns("__pycache__"))
     with (tmp_path / "labrig" / "text.py").open("a") as file:
         file.write("# other code\n")
+    command = (sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address)
     with (
         open_cluster(cluster.scheduler_address, "squared") as pool,
-        join(cluster, tmp_path, {"PYTHONPATH": f"{tmp_path}:{ROOT}"}),
-        pytest.raises(MachineError, match=r"has source_sha256 .*, this process has"),
-    ):
-        list(run_in_order(pool, square, range(500)))
+        Client(cluster.scheduler_address) as client,
+        subprocess.Popen(
+            [*command, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"],
+            cwd=tmp_path, env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"}, stderr=subprocess.DEVNULL,
+        ) as other,
+    ):  # fmt: skip
+        try:
+            client.wait_for_workers(3, timeout=300)
+            with pytest.raises(MachineError, match=r"has source_sha256 .*, this process has"):
+                list(run_in_order(pool, square, range(500)))
+        finally:
+            other.terminate()
 
 
 def test_a_cluster_that_has_lost_every_worker_ends_the_work() -> None:
@@ -145,17 +129,17 @@ def test_a_cluster_without_fit_workers_is_refused(workers: int, message: str) ->
         pass
 
 
-@pytest.mark.parametrize("place", ["tcp://127.0.0.1", "http://127.0.0.1:1", "tcp://host:port"])
-def test_what_is_no_address_is_refused(place: str) -> None:
-    """An address has a host and a port, and a scheme that dask speaks."""
-    with pytest.raises(InputError, match="is no address of a dask scheduler"), open_cluster(place, "squared"):
-        pass
-
-
-def test_a_cluster_that_does_not_answer_is_refused() -> None:
-    """Where nothing listens the wait has a limit."""
-    with (
-        pytest.raises(MachineError, match=r"does not answer within 0\.2 s"),
-        open_cluster("tcp://127.0.0.1:1", "squared", answer_s=0.2),
-    ):
+@pytest.mark.parametrize(
+    ("place", "error", "message"),
+    [
+        *((place, InputError, "is no address of a dask scheduler")
+          for place in ("tcp://127.0.0.1", "http://127.0.0.1:1", "tcp://host:port")),
+        ("tcp://127.0.0.1:1", MachineError, r"does not answer within 0\.2 s"),
+    ],
+)  # fmt: skip
+def test_what_is_no_address_or_does_not_answer_is_refused(
+    place: str, error: type[Exception], message: str
+) -> None:
+    """An address has a host and a port, and a scheme that dask speaks; where nothing listens the wait has a limit."""
+    with pytest.raises(error, match=message), open_cluster(place, "squared", answer_s=0.2):
         pass

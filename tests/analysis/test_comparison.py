@@ -1,7 +1,9 @@
 """What a comparison counts, and which errors it takes to be shared."""
 
 import math
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,13 +21,14 @@ def _compare(*runs: Path, **options: object) -> ComparedRuns:
 
 
 def test_only_final_and_accepted_measurements_count(tmp_path: Path) -> None:
-    """Pictures on the way are left out, refused ones are counted as refused, and the table keeps both apart."""
-    run = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4, None), HARD: (27.0, 27.2)})
-    compared = _compare(run)
+    """Pictures on the way are left out, refused and marked ones are counted as refused; the table keeps all apart."""
+    radii = {SOFT: (28.0, 28.4, None, 35.0), HARD: (27.0, 27.2)}
+    compared = _compare(write_measured_run(tmp_path, "a", radii, bad={3: "a bubble"}))
     soft, hard = compared.comparison.groups
-    assert (soft.name, soft.n, soft.refused, soft.mean) == ("N1, 10 % gelatin", 2, 1, pytest.approx(28.2))
+    assert (soft.name, soft.n, soft.refused, soft.mean) == ("N1, 10 % gelatin", 2, 2, pytest.approx(28.2))
     assert (hard.n, hard.mean) == (2, pytest.approx(27.1))
-    assert list(compared.table["value"].fillna(-1)) == [28.0, 28.4, -1, 27.0, 27.2]
+    assert list(compared.table["value"].fillna(-1)) == [28.0, 28.4, -1, -1, 27.0, 27.2]
+    assert list(compared.table["left_out"].dropna()) == ["marked as bad: a bubble"]
 
 
 def test_insertions_into_one_block_are_no_independent_specimens(tmp_path: Path) -> None:
@@ -105,24 +108,28 @@ def test_groups_can_be_made_by_any_field(tmp_path: Path) -> None:
     assert names == {"needle": ["N1", "N2"], "hole": ["hole 0", "hole 1"], "title": ["title a", "title b"]}
     alike = _compare(a, c).comparison
     assert (alike.by, [group.name for group in alike.groups]) == (("run",), ["a", "c"])
-    with pytest.raises(InputError, match="no measurement and no run has that field") as unknown:
-        _compare(a, b, by=("nedle",))
-    assert "did you mean needle" in unknown.value.hint
 
 
 @pytest.mark.parametrize(
-    ("radii", "message"),
+    ("radii", "options", "message"),
     [
-        ({SOFT: (28.0, 28.4)}, "nothing to compare: there is only one group: N1, 10 % gelatin"),
-        ({SOFT: (None, None), HARD: (None,)}, "no measurement of radius_mm was accepted"),
+        ({SOFT: (28.0, 28.4)}, {}, "nothing to compare: there is only one group: N1, 10 % gelatin"),
+        ({SOFT: (None, None), HARD: (None,)}, {}, "no measurement of radius_mm was accepted"),
+        (
+            {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)},
+            {"by": ("nedle",)},
+            "no measurement and no run has that field",
+        ),
+        ({SOFT: (28.0, 28.4), HARD: (27.0, 27.2)}, {"quantity": "radius"}, "no quantity 'radius'"),
     ],
 )
 def test_nothing_to_compare_is_refused(
-    tmp_path: Path, radii: dict[tuple[str, float], tuple[float | None, ...]], message: str
+    tmp_path: Path, radii: dict[Any, Any], options: dict[str, Any], message: str
 ) -> None:
-    """A single group, and measurements of which none was accepted."""
-    with pytest.raises(InputError, match=message):
-        _compare(write_measured_run(tmp_path, "a", radii))
+    """A single group, measurements of which none was accepted, and what no run has, with the nearest name."""
+    with pytest.raises(InputError, match=message) as caught:
+        _compare(write_measured_run(tmp_path, "a", radii), **options)
+    assert not options or re.search("did you mean (needle|radius_mm)", caught.value.hint)
 
 
 def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path: Path) -> None:
@@ -135,14 +142,6 @@ def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path: Pa
     told = " ".join(compared.warnings)
     assert "N1, 10 % gelatin has n = 1: it is listed, but not tested." in told
     assert "All values are the same in N1, 19 % gelatin" in told
-
-
-def test_an_unknown_quantity_names_those_that_exist(tmp_path: Path) -> None:
-    """With the nearest name first."""
-    run = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})
-    with pytest.raises(InputError, match="no quantity 'radius'") as unknown:
-        _compare(run, quantity="radius")
-    assert unknown.value.hint == "did you mean radius_mm? name one with --quantity: radius_mm"
 
 
 def test_load_runs_gives_the_measurements_as_one_table(tmp_path: Path) -> None:
@@ -159,13 +158,3 @@ def test_load_runs_gives_the_measurements_as_one_table(tmp_path: Path) -> None:
     ]
     assert list(table.attrs["left_out"]) == [str(empty)]
     assert list(load_runs("seed=7 and title=b", runs_dir=tmp_path)["needle_id"]) == ["N2"]
-
-
-def test_an_insertion_that_was_marked_as_bad_does_not_count(tmp_path: Path) -> None:
-    """It is in the table with the reason, and in no mean."""
-    run = write_measured_run(
-        tmp_path, "a", {SOFT: (28.0, 28.4, 35.0), HARD: (27.0, 27.2)}, bad={2: "a bubble"}
-    )
-    compared = _compare(run)
-    assert [(group.n, group.refused) for group in compared.comparison.groups] == [(2, 1), (2, 0)]
-    assert list(compared.table["left_out"].dropna()) == ["marked as bad: a bubble"]

@@ -78,25 +78,27 @@ def test_tasks_are_drawn_as_they_are_needed() -> None:
 
 
 def test_a_failed_task_is_a_value_and_the_others_go_on() -> None:
-    """An error, a bug, a result that cannot be sent, a lack of memory and a death each cost their own task alone."""
+    """An error, a bug, a result that cannot be sent, a lack of memory and a death each cost their own task alone.
+
+    A map raises the first error, after the results before it.
+    """
     with open_process_pool(2, "failed") as pool:
         outcomes = list(run_in_order(pool, fail, range(20)))
     failed = {task: outcome for task, outcome in enumerate(outcomes) if isinstance(outcome, LabrigError)}
-    assert {task: type(error) for task, error in failed.items()} == {
-        3: AnswerIsNoError,
-        5: BugError,
-        7: BugError,
-        9: BugError,
-        11: MachineError,
-        13: MachineError,
-    }
+    expected = {3: AnswerIsNoError, 5: BugError, 7: BugError, 9: BugError, 11: MachineError, 13: MachineError}
+    assert {task: type(error) for task, error in failed.items()} == expected
     assert (failed[3].message, failed[3].hint) == ("no answer", "try another")
     assert "KeyError: 'missing'" in failed[5].message
     assert "in fail\n" in failed[5].__notes__[0]
     assert failed[13].message == "a process that failed died of its task, 2 times or more"
-    assert [outcome for task, outcome in enumerate(outcomes) if task not in failed] == [
+    assert [outcomes[task] for task in range(20) if task not in failed] == [
         task * task for task in range(20) if task not in failed
     ]
+    with open_process_pool(2, "failed") as pool:
+        results = map_in_order(pool, fail, range(20))
+        assert [next(results) for _ in range(3)] == [0, 1, 4]
+        with pytest.raises(AnswerIsNoError, match="no answer"):
+            next(results)
 
 
 def test_a_worker_lost_once_costs_nothing_but_time(tmp_path: Path) -> None:
@@ -106,15 +108,6 @@ def test_a_worker_lost_once_costs_nothing_but_time(tmp_path: Path) -> None:
         outcomes = list(run_in_order(pool, die_at_first, tasks))
     assert (tmp_path / "killed").exists()
     assert outcomes == [number * number for number in range(40)]
-
-
-def test_a_map_raises_the_first_error() -> None:
-    """After the results before it."""
-    with open_process_pool(2, "failed") as pool:
-        results = map_in_order(pool, fail, range(20))
-        assert [next(results) for _ in range(3)] == [0, 1, 4]
-        with pytest.raises(AnswerIsNoError, match="no answer"):
-            next(results)
 
 
 def test_workers_compute_with_one_thread() -> None:

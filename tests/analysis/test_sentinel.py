@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from labrig.analysis.result import Sentinel
 from labrig.analysis.sentinel import compare_grid_pictures
@@ -12,6 +11,7 @@ from labrig.record.events import FrameLine
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.plane import PlaneMap
 from tests.analysis.test_origin import picture
+from tests.vision.renderer import Photo, Picture, Sheet, flat_camera
 
 PX_PER_MM = 16.0
 PLANE = PlaneMap.from_scale(PX_PER_MM, (0.0, 0.0), "right", (800, 600))
@@ -22,13 +22,10 @@ LINES = [
 ]
 
 
-def grid(pitch_px: float) -> NDArray[np.uint8]:
+def grid(pitch_px: float) -> Picture:
     """Draw ruled paper."""
-    v, u = np.mgrid[:600, :800]
-    offset = np.minimum(*(np.abs(axis - pitch_px * np.round(axis / pitch_px)) for axis in (u + 0.3, v + 0.4)))
-    dark = np.clip(1.6 - offset, 0.0, 1.0)
-    noise = np.random.default_rng(0).normal(0.0, 2.0, dark.shape)
-    return np.clip(200.0 - 70.0 * dark + noise, 0, 255).astype(np.uint8)
+    photo = Photo(noise=2.0)
+    return Sheet("1", flat_camera(pitch_px, (800, 600)), photo, ink="grey", width_mm=0.15, samples=2).draw()
 
 
 BARE = np.full((600, 800), 120, np.uint8)
@@ -73,20 +70,16 @@ HALVED = PlaneMap.from_scale(PX_PER_MM / 2.0, (0.0, 0.0), "right", (800, 600))
     ids=["bumped", "wrong map", "no paper"],
 )
 def test_what_the_paper_contradicts_refuses_every_radius(
-    plane: PlaneMap, before: NDArray[np.uint8], after: NDArray[np.uint8], words: str
+    plane: PlaneMap, before: Picture, after: Picture, words: str
 ) -> None:
     """Another scale after the run, another one than the map's, or no grid: the reason is at each picture."""
     sentinel = compare_grid_pictures(lambda frame: after if frame else before, LINES, plane, 1.0)
     assert not sentinel.accepted
     assert sentinel.view == plane.view_sentence()
+    assert HALVED.view_sentence() == "The picture is 100 mm wide and 75 mm high at the paper."
     refused = complete_picture(radius(), None, sentinel)
     assert not refused.accepted
     assert words in (refused.reason or "")
-
-
-def test_the_width_of_the_picture_is_said() -> None:
-    """A ruler checks it."""
-    assert HALVED.view_sentence() == "The picture is 100 mm wide and 75 mm high at the paper."
 
 
 def test_run_without_both_pictures_is_told_so() -> None:

@@ -13,7 +13,6 @@ from tests.benchmarks import (
     circles,
     closed_loop,
     coverage,
-    crash,
     curvature,
     depth,
     estimator,
@@ -30,8 +29,6 @@ from tests.benchmarks import (
     sweep,
     tip,
     virtual,
-    wandering,
-    world_agrees,
 )
 
 GROUPS: dict[str, dict[str, Callable[[], None]]] = {
@@ -59,13 +56,12 @@ GROUPS: dict[str, dict[str, Callable[[], None]]] = {
         "recording": recording.print_table,
         "sweep": sweep.print_table,
         "reanalyze": reanalyze.print_table,
-        "crash": crash.print_table,
     },
     "insertions": {
         "insertion": insertion.print_table,
-        "virtual": virtual.print_table,
-        "world-agrees": world_agrees.print_table,
-        "wandering": wandering.print_table,
+        "virtual": virtual.print_rates,
+        "world-agrees": insertion.print_agreement,
+        "wandering": virtual.print_wandering,
     },
 }
 TABLES = {name: show for group in GROUPS.values() for name, show in group.items()}

@@ -7,14 +7,12 @@ moves: its place is told with noise, as that of the tip.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 
 from labrig.devices.axis_description import AXES as AXIS_NAMES
 from labrig.devices.needle_state import RigState, RollZero
-from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.bevel import Bevel
 from labrig.experiments.insertion.events import InsertionStop
@@ -36,7 +34,7 @@ from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
 from labrig.steering.step import start_steering
 from labrig.steering.torsion import TorsionalLag
-from tests.benchmarks.seen_shaft import RIG, load_plane
+from tests.benchmarks.virtual import load_plane, read_simulated_rig
 from tests.benchmarks.worlds import DrawnWorld, read_protocol
 
 Policy = Literal["default", "paper"]
@@ -154,7 +152,7 @@ def insert(drawn: DrawnWorld, policy: Policy) -> InsertionEnd:
 def _open_session(drawn: DrawnWorld, record: EventList) -> Session:
     """Return a session on a virtual rig whose world is drawn."""
     state = RigState(needle_in_tissue=False, referenced=AXIS_NAMES)
-    rig = VirtualRig(_read_rig(), drawn.world, state, 0.0)
+    rig = VirtualRig(read_simulated_rig(), drawn.world, state, 0.0)
     session = Session(rig, record, lambda _done, _doing: None)
     # The bounds are told of every end, however it came about.
     session.dialogue.conditions = (Condition(value="target_error_mm", above=1e6),)
@@ -193,11 +191,6 @@ def _tell(drawn: DrawnWorld) -> InsertionProtocol:
     target_sd_mm = TARGET_SD_MM if drawn.world.description.target_moves_mm else 0.0
     target = protocol.target.model_copy(update={"sd_mm": target_sd_mm})
     return protocol.model_copy(update={"out_of_plane": unseen, "target": target})
-
-
-@cache
-def _read_rig() -> RigDescription:
-    return load_rig(RIG)
 
 
 def _see(drawn: DrawnWorld, place_mm: Sequence[float], sd_mm: float) -> FloatArray:

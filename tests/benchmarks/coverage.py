@@ -1,7 +1,7 @@
 """How often the 95 % intervals of radius and tip hold the truth, by radius and by light, and what they consist of.
 
 `python -m tests.benchmarks coverage`; the number of pictures in each band of radius is `LABRIG_BENCHMARK_RENDERS`, 100
-unless set. The renderer is `tests/vision/side_lit_needle.py`, which shares nothing with labrig. One picture in four is
+unless set. The renderer is `tests/vision/renderer.py`, which shares nothing with labrig. One picture in four is
 lit evenly, the others have a lamp beside the needle. The scale is given exactly, so that lens, plane, surface and roll
 have no part: the interval of a radius rests on the scatter of the edges and on what light does to them, alone. That
 of a tip is a disc of 1.96 standard deviations.
@@ -22,7 +22,7 @@ import numpy as np
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
 from tests.benchmarks.table import print_rows
-from tests.vision.side_lit_needle import Light, draw_random_needle
+from tests.vision.renderer import Light, draw_side_lit
 
 RENDERS = int(os.environ.get("LABRIG_BENCHMARK_RENDERS", "100"))
 BANDS_MM = ((20.0, 30.0), (30.0, 40.0), (40.0, 60.0))
@@ -54,21 +54,19 @@ class Outcome:
 def measure_render(band: int, number: int) -> Outcome:
     """Draw a needle, measure it and compare it with the truth."""
     light = LIGHTS[number % len(LIGHTS)]
-    needle = draw_random_needle(FIRST_SEED + number, BANDS_MM[band], light)
-    plane = PlaneMap.from_scale(needle.px_per_mm, (0.0, 0.0), "right")
-    found = measure_curvature(
-        needle.draw(),
-        plane,
-        CurvatureSettings(needle_diameter_mm=needle.diameter_mm, sheath_diameter_mm=needle.sheath_mm),
-    )
+    gel = draw_side_lit(FIRST_SEED + number, BANDS_MM[band], light)
+    needle, camera = gel.needle, gel.camera
+    assert needle is not None
+    plane = PlaneMap.from_scale(camera.px_per_mm, (0.0, 0.0), "right")
+    found = measure_curvature(gel.draw(), plane, CurvatureSettings())
     budget, interval = found.radius_budget_mm, found.radius_ci95_mm
     outcome = Outcome(band, light)
     if found.tip_px is not None and found.tip_budget_mm is not None:
-        off_mm = float(np.hypot(*(found.tip_px - needle.tip_px))) / needle.px_per_mm
+        off_mm = float(np.hypot(*(camera.to_mm([found.tip_px])[0] - needle.tip_mm)))
         outcome = replace(outcome, tip_error_mm=off_mm, tip_sigma_mm=found.tip_budget_mm.total)
     if not found.accepted or found.radius_mm is None or budget is None or interval is None:
         return outcome
-    away = np.hypot(*(found.line.px[slice(*found.line.window)] - needle.centre_px).T) / needle.px_per_mm
+    away = np.hypot(*(camera.to_mm(found.line.px[slice(*found.line.window)]) - needle.centre_mm).T)
     return replace(
         outcome,
         error_mm=found.radius_mm - needle.radius_mm,

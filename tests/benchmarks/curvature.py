@@ -1,7 +1,7 @@
 """Radii in rendered pictures of a known arc, with cameras calibrated from rendered corners and paper.
 
 `python -m tests.benchmarks curvature`; the number of pictures is `LABRIG_BENCHMARK_PICTURES`, 500 unless set. The
-renderer is `tests/vision/rendering.py`, which shares no code with the measurement. Each calibration and its ten
+renderer is `tests/vision/renderer.py`, which shares no code with the measurement. Each calibration and its ten
 pictures are drawn from a seed of their own, so the numbers are the same for any number of processes.
 """
 
@@ -10,28 +10,26 @@ import os
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.vision.calibrate_lens import board_points_mm, calibrate_intrinsics
+from labrig.vision.calibrate_lens import calibrate_intrinsics
 from labrig.vision.calibrate_plane import calibrate_plane
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.plane import PlaneMap
 from tests.benchmarks.table import print_rows
-from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
+from tests.vision.renderer import Board, Camera, Gel, Needle, Photo, Sheet, turn_about
 
 FloatArray = NDArray[np.float64]
 
-RADIUS_MM = 28.0
+RADIUS_MM, ORIGIN_PX = 28.0, (320.0, 200.0)
+CAMERA = Camera(origin_px=ORIGIN_PX)
 PICTURES = int(os.environ.get("LABRIG_BENCHMARK_PICTURES", "500"))
 PICTURES_A_CALIBRATION = 10
 CORNER_NOISE_PX = 0.1
-PAPER_NOISE = 3.0
 SPEED_REPEATS = 30
 
 
@@ -65,55 +63,44 @@ def print_table() -> None:
 def _measure_all() -> list[CurvatureMeasurement]:
     """Return the measurements of all pictures, on all cores."""
     firsts = range(0, PICTURES, PICTURES_A_CALIBRATION)
-    bench = RenderedBench(RenderedLens())
     cv2.setNumThreads(1)  # a process per core; OpenCV's threads do not survive the fork either
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("fork")) as pool:
-        return [one for batch in pool.map(partial(_measure_batch, bench), firsts) for one in batch]
+        return [one for batch in pool.map(_measure_batch, firsts) for one in batch]
 
 
-def _measure_batch(bench: RenderedBench, first: int) -> list[CurvatureMeasurement]:
-    """Return the measurements of the pictures of a calibration."""
+def _measure_batch(first: int) -> list[CurvatureMeasurement]:
+    """Return the measurements of the pictures of a calibration, from a board and from ruled paper."""
     random = np.random.default_rng(first)
-    plane = _calibrate_plane(bench, _calibrate_lens(bench.lens, random), random)
+    lens = _calibrate_lens(CAMERA, random)
+    paper = Sheet("1", CAMERA, Photo(seed=first), ink="grey", width_mm=0.1).draw()
+    plane = calibrate_plane(paper, lens, 1.0, ORIGIN_PX, "right", px_per_mm=CAMERA.px_per_mm)
     count = min(PICTURES_A_CALIBRATION, PICTURES - first)
-    return [_measure(bench, plane, first + number, random) for number in range(count)]
+    entries = random.uniform((-1.0, -6.0), (3.0, 2.0), (count, 2)).tolist()
+    return [
+        measure_curvature(
+            Gel(Needle(RADIUS_MM, entry_mm=(right, down), ramp_mm=3.0)).take(first + number),
+            plane,
+            CurvatureSettings(),
+        )
+        for number, (right, down) in enumerate(entries)
+    ]
 
 
-def _measure(
-    bench: RenderedBench, plane: PlaneMap, seed: int, random: np.random.Generator
-) -> CurvatureMeasurement:
-    needle = RenderedNeedle(RADIUS_MM, sheath_tip_mm=(random.uniform(-2.0, 6.0), random.uniform(-1.0, 3.0)))
-    return measure_curvature(bench.picture(needle, RenderedGel(), seed), plane, CurvatureSettings())
-
-
-def _calibrate_lens(lens: RenderedLens, random: np.random.Generator) -> Intrinsics:
+def _calibrate_lens(camera: Camera, random: np.random.Generator) -> Intrinsics:
     """Return the camera as calibrated from corners with noise."""
-    board = board_points_mm(9, 6, 6.0)
+    board = Board(square_mm=6.0)
     poses = (
         (0, 0, 0, 0), (35, 0, -14, 6), (-35, 0, 14, -6), (0, 35, -14, -6), (0, -35, 14, 6), (25, 25, 14, -6),
         (-25, 25, -14, 6), (30, -30, 0, 0), (-30, -30, 8, 5), (20, 0, -8, -5), (0, 20, 20, 8), (0, -20, -20, -8),
     )  # fmt: skip
     boards, views = [], []
-    for tilt, turn, y, z in poses:
-        first = cv2.Rodrigues(np.deg2rad(np.array([tilt, turn, 5.0])))[0]
-        flat = np.column_stack((board - board.mean(axis=0), np.zeros(len(board))))
-        corners = flat @ first.T + (y, z, 0.95 * lens.distance_mm)
-        px = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), lens.matrix, lens.distortion)[0][:, 0]
-        px = px + random.normal(0.0, CORNER_NOISE_PX, px.shape)
-        seen = ((px > 0.0) & (px < (lens.width - 1, lens.height - 1))).all(axis=1)
-        boards.append(board[seen])
+    for tilt, turn, right, down in poses:
+        shift = (right, down, 0.95 * camera.distance_mm)
+        px = board.see(camera, turn_about(*np.deg2rad((tilt, turn, 5.0))), shift, CORNER_NOISE_PX, random)
+        seen = ((px > 0.0) & (px < np.array(camera.size) - 1.0)).all(axis=1)
+        boards.append(board.points_mm[seen])
         views.append(px[seen])
-    return calibrate_intrinsics(boards, views, (lens.width, lens.height))
-
-
-def _calibrate_plane(bench: RenderedBench, lens: Intrinsics, random: np.random.Generator) -> PlaneMap:
-    """Return the plane as calibrated from a picture of ruled paper."""
-    offset = np.abs(bench.mm - np.round(bench.mm)).min(axis=2)
-    lines = np.clip(0.5 + (0.05 - offset) * bench.px_per_mm, 0.0, 1.0)
-    paper = cv2.GaussianBlur(210.0 * (1.0 - 0.35 * lines), (0, 0), 0.8)
-    noisy = paper + random.normal(0.0, PAPER_NOISE, paper.shape)
-    picture = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-    return calibrate_plane(picture, lens, 1.0, bench.lens.origin_px, "right", px_per_mm=bench.px_per_mm)
+    return calibrate_intrinsics(boards, views, camera.size)
 
 
 def _measure_efficiency() -> float:
@@ -129,9 +116,11 @@ def _measure_efficiency() -> float:
 
 def _measure_time_ms() -> float:
     """Return the median time to measure a 1920x1080 picture."""
-    lens = RenderedLens(1920, 1080, focal_px=2700.0, centre_px=(965.0, 532.0), origin_px=(480.0, 300.0))
-    picture = RenderedBench(lens).picture(RenderedNeedle(RADIUS_MM), replace(RenderedGel(), bubbles=10), 1)
-    plane, times = lens.plane_map(), []
+    camera = replace(
+        CAMERA, size=(1920, 1080), focal_px=2700.0, centre_px=(965.0, 532.0), origin_px=(480.0, 300.0)
+    )
+    picture = Gel(Needle(RADIUS_MM, ramp_mm=3.0), camera, bubbles=10).draw()
+    plane, times = camera.plane_map(), []
     for _ in range(SPEED_REPEATS):
         started = time.perf_counter()
         measure_curvature(picture, plane, CurvatureSettings())

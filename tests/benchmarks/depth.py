@@ -4,13 +4,12 @@
 needles are those of the simulated rig, 60 to 112 mm long with up to six arcs, and wander out of the plane as the row
 says; the map of the plane is the rig's own, as calibrated. What is told is the wandering that the interval is made
 with. The constants of `labrig.vision.depth` were found with the seeds 100 to 339. Each row stands twice: with shafts
-measured in rendered pictures, and with those that an insertion without pictures sees. The errors of the
-latter are fitted to further pictures, as many as in a row.
+measured in rendered pictures, and with those that an insertion without pictures sees, whose errors are in
+`constants.json`.
 """
 
 import math
 import os
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -20,24 +19,22 @@ from typing import Any
 import cv2
 import numpy as np
 
-from labrig.devices.rig_file import load_rig
 from labrig.errors import MeasurementRefusedError
-from labrig.runner.virtual_sight import SHAFT_ERRORS, draw_shaft, locate_points
+from labrig.runner.virtual_sight import draw_shaft, locate_points
 from labrig.simulation.world import World
 from labrig.steering.out_of_plane import OutOfPlaneSettings, covary_out_of_plane
 from labrig.steering.torsion import RolledStretch, TorsionalLag
 from labrig.vision.depth import Depth, measure_depth
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
-from tests.benchmarks.seen_shaft import FITTED, RIG, ShaftResiduals, compare_shaft, fit_errors, load_plane
 from tests.benchmarks.table import print_rows
+from tests.benchmarks.virtual import load_plane, read_simulated_rig
 
 PICTURES = int(os.environ.get("LABRIG_BENCHMARK_DEPTHS", "20"))
 FIRST_SEED = 5000
 RADIUS_MM, DIAMETER_MM, SHEATH_MM = 27.7, 1.2, 2.0
 LENGTHS_MM, ARCS_MM = (60.0, 112.0), (12.0, 22.0, 24.0, 24.0, 20.0, 20.0)
 FAR_MM = 3.0
-FIT_WANDERS_DEG = (0.05, 0.4, 0.4, 0.8)
 # Wandering out of the plane in the world and as told [deg / mm^0.5], and slip [share].
 ROWS = (
     (0.0, 0.05, 0.0),
@@ -60,7 +57,7 @@ class Outcome:
 
 
 def print_table() -> None:
-    """Print two rows for each world, and the errors of shafts in pictures."""
+    """Print two rows for each world."""
     cv2.setNumThreads(1)
     heads = (
         "shafts", "wanders", "told", "slip", "pictures", "depth told", "alarms", f"alarms beyond {FAR_MM:g} mm",
@@ -73,24 +70,8 @@ def print_table() -> None:
                 seeds = range(FIRST_SEED, FIRST_SEED + PICTURES)
                 outcomes = list(pool.map(partial(_measure, row, drawn), seeds, chunksize=5))
                 rows.append([name, *(f"{value:g}" for value in row), *_summarise(outcomes)])
-        residuals = list(pool.map(_compare, FITTED[:PICTURES], chunksize=5))
     print_rows(heads, rows)
     print("wanted: where what is told is true, at most 1 alarm in 100 and 93 to 97 % in the interval")
-    _print_errors([residual for residual in residuals if residual is not None])
-
-
-def _print_errors(residuals: Sequence[ShaftResiduals]) -> None:
-    used = vars(SHAFT_ERRORS)
-    rows = [[name, f"{value:.4f}", f"{used[name]:g}"] for name, value in fit_errors(residuals).items()]
-    print_rows(("errors of shafts", f"in {len(residuals)} pictures", "drawn with"), rows)
-
-
-def _compare(seed: int) -> ShaftResiduals | None:
-    """Return by how much the shaft in a picture is off; None if it was not found."""
-    world, _ = _insert(seed, FIT_WANDERS_DEG[seed % len(FIT_WANDERS_DEG)], 0.01)
-    end = _measure_shaft(world)
-    truth: Any = world.truth()
-    return None if end is None else compare_shaft(end, truth["path_mm"], world.description.lens)
 
 
 def _measure(row: tuple[float, float, float], drawn: bool, seed: int) -> Outcome:
@@ -128,7 +109,7 @@ def _measure_shaft(world: World) -> ShaftTip | None:
 
 def _insert(seed: int, wanders_deg: float, slip: float) -> tuple[World, float]:
     """Return a world with a needle in it, and the length inserted; the bevel turns back and forth."""
-    described = load_rig(RIG).world
+    described = read_simulated_rig().world
     assert described is not None
     changes = {"out_of_plane_deg_per_root_mm": wanders_deg, "slip_sd_fraction": slip}
     disturbances = described.disturbances.model_copy(update=changes)

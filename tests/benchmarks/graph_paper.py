@@ -1,6 +1,6 @@
 """Drawn sheets of graph paper with known truth: how many plane maps are right, refused, or accepted and wrong.
 
-The sheets come from `tests.vision.paper_renderer`, which shares nothing with the program: the six rulings that shops
+The sheets come from `tests.vision.renderer`, which shares nothing with the program: the six rulings that shops
 sell, four inks, 3 to 20 px/mm, tilt and roll to 25 degrees, blur, noise, light from one side, half of them on a bench
 that shows beside them. The camera's lens is given as calibrated, exactly, the scale to 15 %.
 """
@@ -13,14 +13,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError
 from labrig.vision.calibrate_plane import calibrate_plane
-from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.plane import PlaneMap
 from tests.benchmarks.table import print_rows
-from tests.vision.paper_renderer import Camera, Sheet, draw_sheet, draw_shop_sheet
+from tests.vision.renderer import Picture, Sheet, draw_shop_sheet
 
 SHEETS = int(os.environ.get("LABRIG_BENCHMARK_SHEETS", "300"))
 FIRST_SEED = 700_000
@@ -53,41 +50,21 @@ def choose_sheet(number: int) -> tuple[int, Sheet]:
     return band, draw_shop_sheet(FIRST_SEED + number, BANDS[band], ruling, on_bench)
 
 
-def make_lens(camera: Camera) -> Intrinsics:
-    """Return the camera's lens as a calibration states it."""
-    sigma: dict[str, float | None] = dict.fromkeys(("fx", "fy", "cx", "cy"), 0.5)
-    focal, (u, v) = camera.focal_px, camera.centre_px
-    distortion = (camera.k1, camera.k2, 0.0, 0.0, 0.0)
-    return Intrinsics(camera.size, focal, focal, u, v, distortion, sigma, 0.1, 0.1, (), True, ())
-
-
-def measure_sheet(band: int, sheet: Sheet, picture: NDArray[np.uint8]) -> Outcome:
+def measure_sheet(band: int, sheet: Sheet, picture: Picture) -> Outcome:
     """Calibrate the plane from a sheet's picture, and compare lengths with the truth."""
-    lens = make_lens(sheet.camera)
-    error = np.random.default_rng((sheet.seed, 7)).uniform(-SCALE_ERROR, SCALE_ERROR)
-    px_per_mm = float(sheet.px_per_mm * (1.0 + error))
+    lens, pitch_mm = sheet.camera.intrinsics, sheet.pitch_mm
+    error = np.random.default_rng((sheet.photo.seed, 7)).uniform(-SCALE_ERROR, SCALE_ERROR)
+    px_per_mm = float(sheet.camera.px_per_mm * (1.0 + error))
     started = time.process_time()
     try:
-        plane = calibrate_plane(picture, lens, sheet.pitch_mm, (640.0, 360.0), "right", px_per_mm=px_per_mm)
+        plane = calibrate_plane(picture, lens, pitch_mm, (640.0, 360.0), "right", px_per_mm=px_per_mm)
     except CalibrationRefusedError as refusal:
         return Outcome(sheet, band, REFUSED, None, time.process_time() - started, refusal.message)
     time_s = time.process_time() - started
-    error = measure_error(plane, sheet)
+    error = sheet.length_error(plane)
     if not plane.accepted:
         return Outcome(sheet, band, REFUSED, error, time_s, plane.reasons[0])
     return Outcome(sheet, band, RIGHT if error <= LARGEST_ERROR else WRONG, error, time_s, "")
-
-
-def measure_error(plane: PlaneMap, sheet: Sheet) -> float:
-    """Return the largest relative error of a length in any direction, over the paper in the picture."""
-    width, height = sheet.camera.size
-    grid = np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 19))
-    px = np.column_stack([axis.ravel() for axis in grid])
-    px = px[sheet.is_inside(sheet.to_mm(px), 0.0)]
-    true = sheet.to_mm(px)
-    design = np.column_stack((true, np.ones(len(true))))
-    affine = np.linalg.lstsq(design, plane.to_mm(px), rcond=None)[0]
-    return float(np.abs(np.linalg.svd(affine[:2], compute_uv=False) - 1.0).max())
 
 
 def print_table() -> None:
@@ -96,7 +73,7 @@ def print_table() -> None:
     outcomes = []
     for number in range(SHEETS):
         band, sheet = choose_sheet(number)
-        outcomes.append(measure_sheet(band, sheet, draw_sheet(sheet)))
+        outcomes.append(measure_sheet(band, sheet, sheet.draw()))
     print_outcomes(outcomes, BANDS)
     print(f"seeds from {FIRST_SEED}; wrong: a length off by more than {LARGEST_ERROR:.1%}\n")
 

@@ -10,43 +10,33 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-Disc = tuple[float, float, float]
+from labrig.steering.problem import PlanProblem
 
 STEP_RAD = math.radians(1.0)
 ANGLES_PER_ARC = 45  # of 2 degrees each
+BEAM = 30_000
 
 
-def oracle_solves(
-    target: tuple[float, float],
-    discs: list[Disc],
-    *,
-    radius: float,
-    half_needle: float,
-    clearance: float,
-    tolerance: float,
-    max_arcs: int,
-    max_length: float,
-    beam: int = 30_000,
-) -> bool:
-    """Return whether some path of the grid reaches the target (y, z); discs are (y, z, radius)."""
+def oracle_solves(problem: PlanProblem) -> bool:
+    """Return whether some path of the grid reaches the target of a planar problem."""
     states = np.array([[0.0, 0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0, -1.0]])  # y, z, heading, length, sign
-    walls = np.array(discs, dtype=float).reshape(-1, 3)
-    step = radius * STEP_RAD
-    for _ in range(max_arcs):
+    walls = np.array([(*each.position_mm[1:], each.radius_mm) for each in problem.obstacles]).reshape(-1, 3)
+    step, gap = problem.radius_mm * STEP_RAD, problem.diameter_mm / 2 + problem.clearance_mm
+    for _ in range(problem.max_arcs):
         ends = []
         walking = states
         for count in range(1, 2 * ANGLES_PER_ARC + 1):
             walking = _step_forward(walking, step)
-            walking = walking[_find_allowed(walking, walls, half_needle + clearance, max_length)]
+            walking = walking[_find_allowed(walking, walls, gap, problem.max_length_mm)]
             if not len(walking):
                 break
-            if np.any(np.hypot(walking[:, 0] - target[0], walking[:, 1] - target[1]) <= tolerance):
+            if np.any(np.linalg.norm(walking[:, :2] - problem.target_mm[1:], axis=1) <= problem.tolerance_mm):
                 return True
             if count % 2 == 0:
                 ends.append(walking * np.array([1, 1, 1, 1, -1]))
         if not ends:
             return False
-        states = _thin(np.concatenate(ends), beam)
+        states = _thin(np.concatenate(ends))
     return False
 
 
@@ -74,11 +64,11 @@ def _find_allowed(
     return fine
 
 
-def _thin(states: NDArray[np.float64], beam: int) -> NDArray[np.float64]:
+def _thin(states: NDArray[np.float64]) -> NDArray[np.float64]:
     """Keep a state per cell of 0.5 mm and 2 degrees, and an even selection of these."""
     cells = np.round(states[:, [0, 1, 2, 4]] / np.array([0.5, 0.5, math.radians(2.0), 1.0])).astype(int)
     _, first = np.unique(cells, axis=0, return_index=True)
-    return states[first[:: len(first) // beam + 1]]
+    return states[first[:: len(first) // BEAM + 1]]
 
 
 def integrate_path(arcs: list[tuple[float, float]], radius: float, step: float = 0.02) -> NDArray[np.float64]:

@@ -1,6 +1,5 @@
-"""The planner on random problems, against an oracle and against OMPL's control RRT on the same needle."""
+"""The planner on random problems, against an oracle."""
 
-import importlib.util
 import time
 
 import numpy as np
@@ -18,8 +17,6 @@ from tests.benchmarks.planning_problems import (
 from tests.benchmarks.table import print_rows
 
 SETS = ((2, 200), (5, 100), (9, 100), (14, 100))
-RIVAL_PROBLEMS = 50
-RIVAL_LIMIT_S = 2.0
 TIGHT = 40
 TUNNELS, SPARE_MM = 120, (0.05, 0.15, 0.4)
 
@@ -34,9 +31,6 @@ def print_table() -> None:
     heads = ("problems", "solved", "oracle", "oracle alone", "bad", "median ms", "95 % ms", "worst ms")
     print_rows(heads, rows)
     print_tight()
-    problems = [draw_planar_problem(np.random.default_rng([2, k]), 2) for k in range(RIVAL_PROBLEMS)]
-    print("\nside by side, the same planar problems with two obstacles")
-    print_rows(("planner", "solved", "median ms", "95 % ms"), _side_by_side(problems))
 
 
 def print_tight() -> None:
@@ -75,7 +69,7 @@ def _solve(problems: list[PlanProblem]) -> tuple[list[bool], int, list[float]]:
 def _row(count: int, problems: list[PlanProblem]) -> list[object]:
     solved, bad, times = _solve(problems)
     planar = problems[0].planar
-    known = [oracle(problem) for problem in problems] if planar else [True] * len(problems)
+    known = [oracle_solves(problem) for problem in problems] if planar else [True] * len(problems)
     alone = sum(theirs and not ours for theirs, ours in zip(known, solved, strict=True))
     median, late = np.percentile(times, (50, 95))
     name = f"{len(problems)} {'planar' if planar else '3-D'}, {count} obstacles"
@@ -83,38 +77,3 @@ def _row(count: int, problems: list[PlanProblem]) -> list[object]:
         name, sum(solved), sum(known) if planar else "witness", alone, bad, f"{median:.1f}", f"{late:.1f}",
         f"{max(times):.1f}",
     ]  # fmt: skip
-
-
-def oracle(problem: PlanProblem) -> bool:
-    """Return whether the oracle solves a planar problem."""
-    discs = [(o.position_mm[1], o.position_mm[2], o.radius_mm) for o in problem.obstacles]
-    return oracle_solves(
-        problem.target_mm[1:], discs, radius=problem.radius_mm, half_needle=problem.diameter_mm / 2,
-        clearance=problem.clearance_mm, tolerance=problem.tolerance_mm, max_arcs=problem.max_arcs,
-        max_length=problem.max_length_mm,
-    )  # fmt: skip
-
-
-def _side_by_side(problems: list[PlanProblem]) -> list[list[object]]:
-    """Return a row per planner; the planners take turns, so that the machine's load is the same for all."""
-    planners = {"labrig": lambda p: plan_path(p).found}
-    if importlib.util.find_spec("ompl") is not None:
-        from tests.benchmarks.ompl_rrt import rrt_solves
-
-        planners["OMPL control RRT"] = lambda p: rrt_solves(p, RIVAL_LIMIT_S)
-    planners["paper, made robust"] = lambda p: plan_path(p, "paper").found
-    done: dict[str, list[tuple[bool, float]]] = {name: [] for name in planners}
-    for problem in problems:
-        for name, planner in planners.items():
-            started = time.perf_counter()
-            solved = planner(problem)
-            done[name].append((solved, 1000 * (time.perf_counter() - started)))
-    rows: list[list[object]] = []
-    for name, results in done.items():
-        times = [taken for _, taken in results]
-        median, late = np.percentile(times, (50, 95))
-        solved_of = f"{sum(ok for ok, _ in results)} of {len(results)}"
-        rows.append([name, solved_of, f"{median:.1f}", f"{late:.1f}"])
-    if "OMPL control RRT" not in planners:
-        rows.append(["OMPL control RRT", "not here: pip install -e '.[benchmark]'", "-", "-"])
-    return rows

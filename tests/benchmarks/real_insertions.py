@@ -3,7 +3,6 @@
 The needles are nearly straight and no radius is known: this tests the tip and no radius.
 """
 
-import csv
 import json
 import math
 import subprocess
@@ -22,14 +21,12 @@ from labrig.vision.picture import read_picture, size_of
 from tests.benchmarks.table import print_rows
 from tests.vision.real_tips import PICTURES, MarkedTip, read_marked_tips
 
-LINE_MARKS = Path(__file__).parents[1] / "vision" / "marks" / "real_insertion_lines.csv"
 PX_PER_MM = 5.607
 # The nearest lines: fainter ones run between those that are 10 mm apart.
 PITCH_MM = 5.0
 LEAST_POINTS = 50
 # A point this far off the plane is a mismatch.
 GROSS_MM = 1.25
-MARKED_LINES_MM = 10.0
 # The needle's path, in shares of the picture's width and height.
 PATH = ((0.2, 0.15), (0.5, 0.9))
 STEP_MM = 8.0
@@ -63,8 +60,6 @@ def print_table() -> None:
         [f"steps within 1 mm of 8 mm, % of {len(steps)}", f"{100.0 * good / len(steps):.1f}", "90"],
         [f"frames with ruled lines found, of {len(marks)}", len(ours), "-"],
         ["scale on the needle's path by the ruled lines, % off 5.607", _off_percent(ours), "1"],
-        ["the same by lines marked by eye, 10 frames", _off_percent(_marked_scales()), "1"],
-        ["scale that steps of 8 mm would have, % off 5.607", _off_percent(_step_scales(steps)), "-"],
         ["radii accepted", sum(tip["accepted"] for tip in measured), "0"],
     ]
     print_rows(("figure", "measured", "wanted"), rows)
@@ -135,21 +130,6 @@ def _find_scales() -> list[float]:
             px, mm = (math.dist(*ends) for ends in (ends_px, fit.paper_mm(ends_px)))
             scales.append(px / mm)
     return scales
-
-
-def _marked_scales() -> list[float]:
-    """Return px/mm down each marked frame, by least squares over its lines (line, u, v)."""
-    lines: dict[str, list[tuple[float, float]]] = {}
-    with LINE_MARKS.open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            mark = (float(row["line"]), float(row["v_px"]))
-            lines.setdefault(f"{row['folder']}/{row['file']}", []).append(mark)
-    fits = (np.polyfit([line for line, _ in marks], [v for _, v in marks], 1) for marks in lines.values())
-    return [float(fit[0]) / MARKED_LINES_MM for fit in fits]
-
-
-def _step_scales(steps: list[float | None]) -> list[float]:
-    return [PX_PER_MM * step / STEP_MM for step in steps if step is not None]
 
 
 def _off_percent(scales: list[float]) -> str:

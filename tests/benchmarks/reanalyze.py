@@ -16,7 +16,7 @@ import cv2
 
 from tests.benchmarks.start_up import children_s
 from tests.benchmarks.table import print_rows
-from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
+from tests.vision.renderer import Gel, Needle, flat_camera
 
 FRAMES = int(os.environ.get("LABRIG_BENCHMARK_FRAMES", "1000"))
 DIFFERENT, SEVERAL, TURNS = 20, 8, 3
@@ -48,19 +48,18 @@ def print_table() -> None:
 
 def _import(folder: Path, runs: int) -> list[str]:
     """Return runs of rendered pictures that repeat a few pictures and together hold all frames."""
-    lens = RenderedLens(k1=0.0, k2=0.0, tilt_rad=0.0)
-    bench = RenderedBench(lens)
+    camera = flat_camera(15.0, (1280, 720))
+    needles = (Needle(27.0 + 0.1 * n, entry_mm=(21.0, 13.0)) for n in range(DIFFERENT))
     drawn = [
-        cv2.imencode(".png", bench.picture(RenderedNeedle(27.0 + 0.1 * n), RenderedGel(), n))[1].tobytes()
-        for n in range(DIFFERENT)
+        cv2.imencode(".png", Gel(needle, camera).take(n))[1].tobytes() for n, needle in enumerate(needles)
     ]
     for run in range(runs):
         pictures = folder / "pictures" / f"{run:02d}"
         pictures.mkdir(parents=True)
         for number in range(FRAMES // runs):
             (pictures / f"{number:06d}.png").write_bytes(drawn[number % DIFFERENT])
-    scale = ["--px-per-mm", f"{lens.focal_px / lens.distance_mm:.4f}", "--insertion", "right"]
-    place = ["--origin-px", "320", "200", "--sheath-diameter-mm", "2", "--runs-dir", str(folder / "runs")]
+    scale = ["--px-per-mm", "15", "--insertion", "right"]
+    place = ["--origin-px", "315", "195", "--sheath-diameter-mm", "2", "--runs-dir", str(folder / "runs")]
     command = [sys.executable, "-m", "labrig", "import", str(folder / "pictures"), *scale, *place]
     subprocess.run(command, check=True, capture_output=True)
     return sorted(str(run) for run in (folder / "runs").iterdir() if run.is_dir())

@@ -21,14 +21,13 @@ from labrig.vision.calibration_file import (
     save_plane,
 )
 from labrig.vision.gel import Gel, Layer
-from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane import PlaneMap
 from tests.cli.conftest import RIG, Done, Labrig
-from tests.vision.paper_renderer import Camera, Sheet, draw_sheet
+from tests.vision.renderer import Camera, Sheet
 
 SIZE = (400, 300)
-SHEET = Sheet(px_per_mm=12.0, camera=Camera(SIZE, focal_px=800.0, centre_px=(200.0, 150.0), k1=0.0, k2=0.0))
-LENS = Intrinsics(SIZE, 800.0, 800.0, 200.0, 150.0, (0.0,) * 5, {}, 0.1, 0.1, (), accepted=True, reasons=())
+SHEET = Sheet(camera=Camera(SIZE, 800.0, (200.0, 150.0), (0.0,) * 5, 800.0 / 12.0, tilt_deg=0.0))
+LENS = SHEET.camera.intrinsics
 FRAME = ("--origin-px", 200, 150, "--insertion", "right")
 Calibrate = Callable[..., Done]
 
@@ -37,7 +36,7 @@ Calibrate = Callable[..., Done]
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a picture of 1 mm graph paper, 12 px/mm, and the lens of its camera."""
     made = tmp_path_factory.mktemp("paper")
-    assert cv2.imwrite(str(made / "paper.png"), draw_sheet(SHEET))
+    assert cv2.imwrite(str(made / "paper.png"), SHEET.draw())
     save_intrinsics(made / "lens.json", LENS, {})
     return made
 
@@ -63,7 +62,7 @@ def test_a_stated_scale_is_enough_and_the_map_says_what_it_implies(
     calibrate: Calibrate, tmp_path: Path
 ) -> None:
     """15 % off is near enough. Width and height of the picture are printed and are in the JSON."""
-    width, height = SHEET.picture_size_mm()
+    width, height = SHEET.camera.picture_size_mm()
     out = tmp_path / "plane.json"
     done = calibrate("--px-per-mm", 13.8, "--out", out)
     assert done.exit_code == 0, done.err
@@ -122,7 +121,7 @@ def test_two_marks_and_the_millimetres_between_them_tell_the_scale(folder: Path)
 def test_the_settings_of_a_test_frame_are_kept(labrig: Labrig, tmp_path: Path) -> None:
     """A picture that carries its camera gives the plane map what a later focus is compared with."""
     frame, out = tmp_path / "frame.png", tmp_path / "plane.json"
-    frame.write_bytes(encode_frame(draw_sheet(SHEET), CameraInUse(settings={"focus": 30})))
+    frame.write_bytes(encode_frame(SHEET.draw(), CameraInUse(settings={"focus": 30})))
     assert labrig("calibrate", "plane", frame, *FRAME, "--px-per-mm", 12, "--out", out).exit_code == 0
     assert read_camera(out).settings == {"focus": 30}
 

@@ -13,6 +13,7 @@ The needles are nearly straight: these frames test the tip and no radius.
 import csv
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,12 +50,7 @@ class MarkedTip:
 def read_marked_tips() -> list[MarkedTip]:
     """Return the marks of all frames, in the order of trials and frames."""
     with _MARKS.open(encoding="utf-8", newline="") as file:
-        return [
-            MarkedTip(
-                row["trial"],
-                int(row["frame"]),
-                (float(row["first_u_px"]), float(row["first_v_px"])),
-                (float(row["second_u_px"]), float(row["second_v_px"])),
-            )
-            for row in csv.DictReader(file)
+        rows: list[Any] = [
+            (trial, int(frame), *map(float, px)) for trial, frame, *px in list(csv.reader(file))[1:]
         ]
+    return [MarkedTip(trial, frame, (u1, v1), (u2, v2)) for trial, frame, u1, v1, u2, v2 in rows]

@@ -1,5 +1,7 @@
 """How far the end of a needle is out of the plane, by its width and length in pictures of an own renderer."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 
@@ -7,24 +9,61 @@ from labrig.vision.depth import Depth, measure_depth
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
-from tests.vision.deep_needle import (
-    CAMERA_MM,
-    FOOT_MM,
-    NEEDLE_MM,
-    ORIGIN_PX,
-    PX_PER_MM,
-    SHEATH_MM,
-    SIZE_PX,
-    DeepNeedle,
-)
+from tests.vision.renderer import FloatArray, Gel, Needle, Photo, flat_camera
 
+PX_PER_MM, ORIGIN_PX, SIZE_PX = 10.0, (150.0, 160.0), (1300, 220)
+FOOT_MM, CAMERA_MM = (0.0, 50.0), 185.0
+NEEDLE_MM, SHEATH_MM = 1.2, 2.0
 PLANE = PlaneMap.from_scale(PX_PER_MM, ORIGIN_PX, "right", SIZE_PX)
 PERSPECTIVE = Perspective(np.array(FOOT_MM), CAMERA_MM)
+STEP_MM = 0.05
+
+
+@dataclass(frozen=True)
+class DeepNeedle(Needle):
+    """A needle in two bends, whose end is x_mm behind the plane; `rough` is the relative scatter of its width.
+
+    A point at (x, y, z) is seen at the foot of the camera plus D / (D + x) of its distance from there, and so reduced.
+    """
+
+    x_mm: float = 0.0
+    rough: float = 0.0
+    seed: int = 1
+
+    def path_mm(self) -> FloatArray:
+        """Return points (N, 2) of the seen centre line."""
+        share = np.arange(0.0, self.length_mm, STEP_MM) / self.length_mm
+        heading = 0.25 * np.sin(2 * np.pi * share)
+        along = STEP_MM * np.sqrt(1 - np.gradient(self._depth_mm(share), STEP_MM) ** 2)
+        places = np.column_stack((np.cumsum(along * np.cos(heading)), -np.cumsum(along * np.sin(heading))))
+        foot = np.array((FOOT_MM[1], -FOOT_MM[0]))
+        return np.asarray(foot + self._scale(share)[:, None] * (places - foot))
+
+    def half_mm(self, along: FloatArray) -> FloatArray:
+        """Return half the seen width."""
+        blocks = np.random.default_rng(self.seed).standard_normal(int(self.length_mm / 3) + 2)
+        rough = 1 + self.rough * blocks[np.clip(along / 3, 0, self.length_mm / 3).astype(int)]
+        return 0.5 * self.diameter_mm * self._scale(np.clip(along / self.length_mm, 0.0, 1.0)) * rough
+
+    def _depth_mm(self, share: FloatArray) -> FloatArray:
+        return self.x_mm * share**2 * (3 - share) / 2
+
+    def _scale(self, share: FloatArray) -> FloatArray:
+        return np.asarray(CAMERA_MM / (CAMERA_MM + self._depth_mm(share)))
+
+
+def deep(length_mm: float = 100.0, x_mm: float = 0.0, rough: float = 0.0) -> DeepNeedle:
+    """Return a needle of one grey level."""
+    return DeepNeedle(
+        length_mm=length_mm, x_mm=x_mm, rough=rough, level=60.0, sheath_level=60.0, line=0.0, bevel=0.0
+    )
 
 
 def measure(needle: DeepNeedle, before_mm: float, inserted_mm: float | None = None) -> Depth | None:
     """Measure the depth of a drawn needle that wanders, with the standard deviation of its end beforehand."""
-    end = measure_shaft_tip(needle.draw(), PLANE, NEEDLE_MM, SHEATH_MM)
+    photo, camera = Photo(noise=2.0), replace(flat_camera(PX_PER_MM, SIZE_PX), origin_px=ORIGIN_PX)
+    picture = Gel(needle, camera, photo, 175.0, tracks_mm=(), bubbles=0).draw()
+    end = measure_shaft_tip(picture, PLANE, NEEDLE_MM, SHEATH_MM)
     at_mm = np.linspace(0.0, needle.length_mm, 40)
     first, second = np.minimum.outer(at_mm, at_mm), np.maximum.outer(at_mm, at_mm)
     covariance = before_mm**2 * first**2 * (3 * second - first) / (2 * needle.length_mm**3)
@@ -34,7 +73,7 @@ def measure(needle: DeepNeedle, before_mm: float, inserted_mm: float | None = No
 @pytest.mark.parametrize("x_mm", [-6.0, 0.0, 6.0])
 def test_depth_is_read_from_width_and_length(x_mm: float) -> None:
     """Where little is known before, the picture tells the end's depth within three of its standard deviations."""
-    depth = measure(DeepNeedle(x_mm=x_mm), 5.0)
+    depth = measure(deep(x_mm=x_mm), 5.0)
     assert depth is not None
     assert depth.sd_mm < 1.5
     assert depth.x_mm == pytest.approx(x_mm, abs=3 * depth.sd_mm)
@@ -44,7 +83,7 @@ def test_depth_is_read_from_width_and_length(x_mm: float) -> None:
 @pytest.mark.processors
 def test_a_needle_that_left_the_plane_contradicts_what_was_known() -> None:
     """A needle that looks 8 mm behind the plane where 0.5 mm were expected contradicts; the picture counts then."""
-    left, kept = measure(DeepNeedle(x_mm=8.0), 0.5), measure(DeepNeedle(), 0.5)
+    left, kept = measure(deep(x_mm=8.0), 0.5), measure(deep(), 0.5)
     assert left is not None
     assert kept is not None
     assert (left.contradicts, kept.contradicts) == (True, False)
@@ -55,17 +94,13 @@ def test_a_needle_that_left_the_plane_contradicts_what_was_known() -> None:
 @pytest.mark.processors
 def test_slip_is_not_taken_for_depth() -> None:
     """A needle whose tip lags behind by 1 % of its length is still where it is."""
-    depth = measure(DeepNeedle(length_mm=100.0), 2.0, inserted_mm=101.0)
+    depth = measure(deep(), 2.0, inserted_mm=101.0)
     assert depth is not None
     assert not depth.contradicts
     assert abs(depth.x_mm) < 2 * depth.sd_mm
 
 
-def test_rough_edges_tell_no_depth() -> None:
-    """Widths that scatter by 5 %, as in photographs before ruled paper, tell nothing."""
-    assert measure(DeepNeedle(rough=0.05), 5.0) is None
-
-
-def test_a_short_needle_tells_no_depth() -> None:
-    """A needle of 15 mm has too few widths."""
-    assert measure(DeepNeedle(length_mm=15.0), 5.0) is None
+def test_rough_edges_and_short_needles_tell_no_depth() -> None:
+    """Widths that scatter by 5 %, as in photographs before ruled paper, tell nothing; 15 mm have too few of them."""
+    assert measure(deep(rough=0.05), 5.0) is None
+    assert measure(deep(15.0), 5.0) is None

@@ -10,28 +10,24 @@ import pytest
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.error_budget import ErrorBudget, PlaceErrors, budget_place, propagate_map
-from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.out_of_plane import BendingPlane, combine_turns
 from labrig.vision.plane import PlaneMap, Variation
-from tests.vision.rendering import RenderedLens
-from tests.vision.side_lit_needle import Light, SideLitNeedle, draw_random_needle
+from tests.vision.renderer import Camera, Gel, Light, Needle, Photo, draw_side_lit, flat_camera
 
 SETTINGS = CurvatureSettings()
 PICTURES = 24
-NEEDLE = SideLitNeedle(28.0, 36.0, entry_mm=(12.0, 12.0))
-# A camera so far away that its rays are nearly parallel.
-_FAR_PX = 1e6
-FAR = PlaneMap.from_scale(NEEDLE.px_per_mm, (0.0, 0.0), "right").change(
-    intrinsics=Intrinsics(
-        (1280, 720), _FAR_PX, _FAR_PX, 640.0, 360.0, (0.0,) * 5, {}, 0.1, 0.1, (), accepted=True, reasons=()
-    )
-)
+NEEDLE = Needle(28.0, 36.0, (12.0, 12.0), level=50.0, sheath_level=50.0, bevel=1.5, line=0.0)
+# The camera is so far away that its rays are nearly parallel.
+CAMERA = flat_camera(10.0, (870, 490))
+PHOTO = Photo(0.05, fall=0.025, towards_rad=0.0, blur_px=0.9, halo=0.05, seed=1)
+FAR = CAMERA.plane_map()
+EXACT = PlaneMap.from_scale(10.0, (0.0, 0.0), "right")
 
 
-def measure(needle, settings=SETTINGS, plane=None):
+def measure(needle=NEEDLE, settings=SETTINGS, plane=EXACT, **photo):
     """Return the measurement of a picture of `needle`."""
-    exact = PlaneMap.from_scale(needle.px_per_mm, (0.0, 0.0), "right")
-    return measure_curvature(needle.draw(), plane or exact, settings)
+    gel = Gel(needle, CAMERA, replace(PHOTO, **photo), tracks_mm=(), bubbles=0)
+    return measure_curvature(gel.draw(), plane, settings)
 
 
 @cache
@@ -39,10 +35,12 @@ def measure_side_lit():
     """Return pairs (measurement, true radius) of needles with a lamp inside or outside their bend."""
     lights: tuple[Light, ...] = ("lamp inside the bend", "lamp outside the bend")
     bands_mm = ((30.0, 40.0), (40.0, 60.0))
-    needles = [
-        draw_random_needle(seed // 2, bands_mm[seed % 2], lights[seed // 2 % 2]) for seed in range(PICTURES)
+    gels = [draw_side_lit(seed // 2, bands_mm[seed % 2], lights[seed // 2 % 2]) for seed in range(PICTURES)]
+    scales = [PlaneMap.from_scale(gel.camera.px_per_mm, (0.0, 0.0), "right") for gel in gels]
+    return [
+        (measure_curvature(gel.draw(), plane, SETTINGS), gel.needle.radius_mm)
+        for gel, plane in zip(gels, scales, strict=True)
     ]
-    return [(measure(needle), needle.radius_mm) for needle in needles]
 
 
 def test_interval_holds_the_truth_with_light_from_one_side():
@@ -55,7 +53,7 @@ def test_interval_holds_the_truth_with_light_from_one_side():
 @pytest.mark.processors
 def test_sources_add_up_to_the_error_bar():
     """The squares of the known sources add up to the radius' variance, and unknown ones are null in JSON."""
-    found = measure(NEEDLE)
+    found = measure()
     document = json.loads(json.dumps(found.model_dump()))
     sources = document["radius_budget_mm"]
     assert [name for name, sigma in sources.items() if sigma is None] == ["lens", "plane", "surface", "roll"]
@@ -72,10 +70,10 @@ def test_a_lamp_beside_the_needle_shows_in_radius_and_tip(side):
 
     In even light the radius is as uncertain as the scatter of the edges makes it.
     """
-    even = measure(replace(NEEDLE, noise=1.0))
-    lit = measure(replace(NEEDLE, noise=1.0, lamp=40.0, lamp_rad=np.pi / 4 + side * np.pi / 2))
+    even = measure(noise=1.0)
+    lit = measure(replace(NEEDLE, lamp=40.0, lamp_rad=np.pi / 4 + side * np.pi / 2), noise=1.0)
     first, end = lit.line.window
-    away = np.hypot(*(lit.line.px[first:end] - NEEDLE.centre_px).T) / NEEDLE.px_per_mm
+    away = np.hypot(*(CAMERA.to_mm(lit.line.px[first:end]) - NEEDLE.centre_mm).T)
     shift_mm = abs(float(away.mean()) - NEEDLE.radius_mm)
     assert even.radius_budget_mm.lighting < 0.5 * even.radius_budget_mm.fit
     assert lit.radius_budget_mm.lighting > 2.0 * lit.radius_budget_mm.fit
@@ -86,19 +84,18 @@ def test_a_lamp_beside_the_needle_shows_in_radius_and_tip(side):
 @pytest.mark.processors
 def test_tip_that_fades_out_is_less_certain():
     """A blurred tip has a larger error bar than a sharp one, and both hold the true tip."""
-    sharp, blurred = (measure(replace(NEEDLE, blur_px=blur_px)) for blur_px in (0.6, 2.0))
+    sharp, blurred = (measure(blur_px=blur_px) for blur_px in (0.6, 2.0))
     assert blurred.tip_budget_mm.fit > 1.5 * sharp.tip_budget_mm.fit
     for found in (sharp, blurred):
-        off_px = np.hypot(*(np.array(found.tip_px) - NEEDLE.tip_px))
-        assert off_px / NEEDLE.px_per_mm < 1.96 * found.tip_budget_mm.total
+        off_mm = np.hypot(*(CAMERA.to_mm([found.tip_px])[0] - NEEDLE.tip_mm))
+        assert off_mm < 1.96 * found.tip_budget_mm.total
 
 
 def test_variations_of_the_map_are_listed_by_group():
     """Only the group that has variations is known, and a scale off by 0.1 % is 0.1 % of the radius."""
-    exact = PlaneMap.from_scale(NEEDLE.px_per_mm, (0.0, 0.0), "right")
-    larger = np.diag([1.001, 1.001, 1.0]) @ exact.matrix
+    larger = np.diag([1.001, 1.001, 1.0]) @ EXACT.matrix
     budget = measure(
-        NEEDLE, plane=exact.change(variations=(Variation(homography=larger, group="surface"),))
+        NEEDLE, plane=EXACT.change(variations=(Variation(homography=larger, group="surface"),))
     ).radius_budget_mm
     assert budget.surface == pytest.approx(0.028, rel=1e-3)
     assert (budget.lens, budget.plane) == (None, None)
@@ -108,10 +105,9 @@ def test_variations_of_the_map_are_listed_by_group():
 
 def test_several_variations_of_a_group_add_their_squares():
     """Two variations of 3 and 4 are one of 5."""
-    exact = PlaneMap.from_scale(10.0, (0.0, 0.0), "right")
-    shifts = [np.array([[1.0, 0.0, y], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) @ exact.matrix for y in (3.0, -4.0)]
-    plane = exact.change(variations=tuple(Variation(homography=shift, group="plane") for shift in shifts))
-    here = exact.to_mm([(50.0, 60.0)])[0]
+    shifts = [np.array([[1.0, 0.0, y], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) @ EXACT.matrix for y in (3.0, -4.0)]
+    plane = EXACT.change(variations=tuple(Variation(homography=shift, group="plane") for shift in shifts))
+    here = EXACT.to_mm([(50.0, 60.0)])[0]
     assert propagate_map(plane, [(50.0, 60.0)], lambda places: places[0] - here) == {
         "lens": None,
         "plane": pytest.approx(5.0),
@@ -119,17 +115,12 @@ def test_several_variations_of_a_group_add_their_squares():
     }
 
 
-def test_a_distance_has_the_part_of_a_shift_that_lies_along_it():
-    """A shift across the direction to the target does not move the distance from it."""
-    plane = PlaneMap.from_scale(10.0, (0.0, 0.0), "right")
+def test_a_distance_has_the_part_of_a_shift_along_it_and_drift_is_a_part_of_the_plane():
+    """A shift across the direction to the target does not move the distance; drift adds to the plane's part, if any."""
     errors = PlaceErrors(np.array([0.3, 0.0]), np.array([0.0, 0.2]), 0.1)
-    budget = budget_place(plane, (50.0, 60.0), errors, np.array([0.0, 1.0]))
+    budget = budget_place(EXACT, (50.0, 60.0), errors, np.array([0.0, 1.0]))
     assert budget.lighting == pytest.approx(0.001)
     assert (budget.roll, budget.fit) == (pytest.approx(0.2), 0.1)
-
-
-def test_drift_since_the_calibration_is_a_part_of_the_plane():
-    """Drift adds to the plane's part, known or not; no drift changes nothing."""
     assert ErrorBudget(plane=0.03).with_drift(0.04).plane == pytest.approx(0.05)
     assert ErrorBudget().with_drift(0.04).plane == pytest.approx(0.04)
     assert ErrorBudget().with_drift(0.0).plane is None
@@ -171,25 +162,15 @@ def test_no_source_makes_the_interval_shorter():
 
 def test_roll_before_a_camera_is_the_scatter_of_rolled_arcs():
     """The stated part of the roll is the rms error of radii of arcs in space, rolled at random and projected."""
-    lens = RenderedLens()
-    plane, random = lens.plane_map(), np.random.default_rng(3)
+    camera, random = Camera(origin_px=(320.0, 200.0), distortion=(0.0,) * 5), np.random.default_rng(3)
+    plane = camera.plane_map()
     turn = np.linspace(0.0, 1.2, 60)
     flat = 28.0 * np.column_stack((np.cos(turn) - 1.0, np.sin(turn)))
-    y_axis, z_axis, origin = np.linalg.solve(lens.matrix, lens.plane_to_ideal()).T
-    # The camera looks along its own z, so nearer to it is against this normal.
-    normal = np.cross(y_axis, z_axis)
     sd_rad = np.deg2rad(3.0)
 
     def see(roll_rad):
-        space = (
-            origin
-            + np.outer(flat[:, 0] * np.cos(roll_rad), y_axis)
-            + np.outer(flat[:, 1], z_axis)
-            + np.outer(flat[:, 0] * np.sin(roll_rad), normal)
-        )
-        px = (space / space[:, 2:]) @ lens.matrix.T
-        homogeneous = px @ np.linalg.inv(lens.plane_to_ideal()).T
-        return homogeneous[:, :2] / homogeneous[:, 2:]
+        places = np.column_stack((flat[:, 1], -flat[:, 0] * np.cos(roll_rad)))
+        return plane.to_mm(camera.to_px(places, -flat[:, 0] * np.sin(roll_rad)))
 
     errors = [fit_circle(see(roll), robust=False).radius - 28.0 for roll in random.normal(0.0, sd_rad, 400)]
     bending = BendingPlane(np.zeros(2), np.array([0.0, 1.0]), plane.camera_mm())

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from labrig.errors import InputError
 from labrig.vision.marker import count_bits, count_markers, find_markers, locate_marker
 from labrig.vision.plane import PlaneMap
-from tests.vision.rendering import RenderedLens
+from tests.vision.renderer import Camera, Photo
 
 Picture = NDArray[np.uint8]
-LENS = RenderedLens(distance_mm=185.0, origin_px=(150.0, 310.0))
-PLANE = LENS.plane_map()
+CAMERA = Camera(distance_mm=185.0, origin_px=(150.0, 310.0))
+PLANE = CAMERA.plane_map()
 FINER = 4  # pictures are drawn so many times as large and then reduced
 
 
@@ -25,9 +25,9 @@ def draw(
     x_mm: float = 0.0,
     turn_rad: float = 0.3,
 ) -> Picture:
-    """Draw markers (id, y, z) on grey gel, each as the lens shows it: OpenCV projects the corners of its cells."""
+    """Draw markers (id, y, z) on grey gel, each as the lens shows the corners of its cells."""
     book = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    sheet = np.full((LENS.height * FINER, LENS.width * FINER), 150, np.uint8)
+    sheet = np.full((CAMERA.size[1] * FINER, CAMERA.size[0] * FINER), 150, np.uint8)
     for marker_id, y_mm, z_mm in places:
         cells = np.pad(
             cv2.aruco.generateImageMarker(book, marker_id, count_bits(dictionary)), 1, constant_values=255
@@ -38,25 +38,11 @@ def draw(
             along, up = card[:, 0], -card[:, 1]
             y = y_mm + along * math.sin(turn_rad) + up * math.cos(turn_rad)
             z = z_mm + along * math.cos(turn_rad) - up * math.sin(turn_rad)
-            shown = (project(y, z, x_mm) + 0.5) * FINER - 0.5
+            shown = (CAMERA.to_px(np.column_stack((z, -y)), x_mm) + 0.5) * FINER - 0.5
             cv2.fillConvexPoly(
                 sheet, np.round(shown * 16).astype(np.int32), int(30 + cells[row, column] * 0.7), shift=4
             )
-    small = cv2.resize(sheet, (LENS.width, LENS.height), interpolation=cv2.INTER_AREA)
-    noisy = cv2.GaussianBlur(small, (0, 0), 0.8) + np.random.default_rng(3).normal(0.0, 2.0, small.shape)
-    return np.clip(noisy, 0, 255).astype(np.uint8)
-
-
-def project(y_mm: NDArray[np.float64], z_mm: NDArray[np.float64], x_mm: float) -> NDArray[np.float64]:
-    """Return the pixels (N, 2) of points, by the pose of the plane and OpenCV's lens."""
-    h = np.linalg.solve(LENS.matrix, LENS.plane_to_ideal())
-    scale = np.linalg.norm(h[:, 0])
-    axis_y, axis_z, origin = (h / scale).T
-    axis_x = np.cross(axis_y, axis_z)
-    points = np.outer(y_mm, axis_y) + np.outer(z_mm, axis_z) + origin + x_mm * axis_x
-    return np.asarray(
-        cv2.projectPoints(points, np.zeros(3), np.zeros(3), LENS.matrix, LENS.distortion)[0][:, 0]
-    )
+    return Photo(noise=2.0).take(cv2.resize(sheet, CAMERA.size, interpolation=cv2.INTER_AREA).astype(float))
 
 
 @pytest.mark.processors

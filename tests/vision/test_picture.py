@@ -11,17 +11,8 @@ import pytest
 from labrig.errors import PictureError
 from labrig.vision.picture import number_order, read_picture, size_of
 
-
-@pytest.fixture
-def grey():
-    """Return a grey picture."""
-    return np.random.default_rng(0).integers(0, 256, (30, 40), dtype=np.uint8)
-
-
-@pytest.fixture
-def colour():
-    """Return a picture in colour."""
-    return np.random.default_rng(1).integers(0, 256, (30, 40, 3), dtype=np.uint8)
+GREY = np.random.default_rng(0).integers(0, 256, (30, 40), dtype=np.uint8)
+COLOUR = np.random.default_rng(1).integers(0, 256, (30, 40, 3), dtype=np.uint8)
 
 
 def save(path, image):
@@ -30,10 +21,10 @@ def save(path, image):
     return path
 
 
-def test_reads_pixels_as_they_were_saved(grey, colour, tmp_path):
+def test_reads_pixels_as_they_were_saved(tmp_path):
     """A PNG comes back bit for bit, grey as (H, W) and colour as blue-green-red, without transparency."""
-    opacity = np.full((*grey.shape, 1), 7, dtype=np.uint8)
-    for saved, kept in ((grey, grey), (colour, colour), (np.dstack((colour, opacity)), colour)):
+    opacity = np.full((*GREY.shape, 1), 7, dtype=np.uint8)
+    for saved, kept in ((GREY, GREY), (COLOUR, COLOUR), (np.dstack((COLOUR, opacity)), COLOUR)):
         read = read_picture(save(tmp_path / "picture.png", saved))
         assert read.dtype == np.uint8
         assert np.array_equal(read, kept)
@@ -61,28 +52,23 @@ def save_oriented(path, image, orientation, order):
 
 
 @pytest.mark.parametrize(("suffix", "order"), [("jpg", ">"), ("jpg", "<"), ("png", ">")])
-def test_refuses_a_picture_that_is_to_be_shown_turned(suffix, order, grey, tmp_path):
+def test_refuses_a_picture_that_is_to_be_shown_turned(suffix, order, tmp_path):
     """Pixels that a person reads in a viewer would not be the sensor's."""
-    turned = save_oriented(tmp_path / f"turned.{suffix}", grey, 6, order)
+    turned = save_oriented(tmp_path / f"turned.{suffix}", GREY, 6, order)
     with pytest.raises(PictureError, match=rf"turned\.{suffix} is to be shown turned or mirrored") as caught:
         read_picture(turned)
     assert "without that mark" in caught.value.hint
-    upright = save_oriented(tmp_path / f"upright.{suffix}", grey, 1, order)
+    upright = save_oriented(tmp_path / f"upright.{suffix}", GREY, 1, order)
     assert size_of(read_picture(upright)) == (40, 30)
 
 
-def test_malformed_marks_of_orientation_turn_nothing(grey, tmp_path):
+def test_malformed_marks_of_orientation_turn_nothing(tmp_path):
     """A directory of tags that points outside the file is ignored, and the picture is read."""
-    path = save(tmp_path / "picture.jpg", grey)
+    path = save(tmp_path / "picture.jpg", GREY)
     plain = path.read_bytes()
     body = b"Exif\x00\x00MM\x00*" + struct.pack(">I", 2**31)
     path.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + plain[2:])
     assert size_of(read_picture(path)) == (40, 30)
-
-
-def flip(data):
-    """Return the content of a file with a flipped bit."""
-    return data[:60] + bytes([data[60] ^ 1]) + data[61:]
 
 
 @pytest.mark.parametrize(
@@ -92,38 +78,33 @@ def flip(data):
         ("torn.png", lambda data: data[: 9 * len(data) // 10], r"torn\.png is truncated"),
         ("torn.jpg", lambda data: data[: len(data) // 3], r"torn\.jpg is truncated"),
         ("torn.jpg", lambda data: data[: 9 * len(data) // 10], r"torn\.jpg is truncated"),
-        ("flipped.png", flip, "damaged"),
+        ("flipped.png", lambda data: data[:60] + bytes([data[60] ^ 1]) + data[61:], "damaged"),
         ("empty.png", lambda _: b"", "is empty"),
         ("notes.jpg", lambda _: b"not a picture", "no picture"),
     ],
 )
-def test_refuses_a_damaged_picture(name, spoil, message, colour, tmp_path):
+def test_refuses_a_damaged_picture(name, spoil, message, tmp_path):
     """A truncated picture, which decoders would fill with grey, a flipped bit, and what is no picture."""
-    path = save(tmp_path / name, colour)
+    path = save(tmp_path / name, COLOUR)
     path.write_bytes(spoil(path.read_bytes()))
     with pytest.raises(PictureError, match=message) as caught:
         read_picture(path)
     assert caught.value.hint
 
 
-@pytest.mark.parametrize(("name", "message"), [("gone.png", "does not exist"), (".", "folder")])
-def test_refuses_what_is_no_file(name, message, tmp_path):
-    """Missing files and folders are refused, each with its reason."""
-    with pytest.raises(PictureError, match=message):
-        read_picture(tmp_path / name)
-
-
-def test_refuses_sixteen_bits(grey, tmp_path):
-    """Depths other than eight bits are not scaled by guess."""
-    path = save(tmp_path / "deep.png", grey.astype(np.uint16) * 257)
-    with pytest.raises(PictureError, match=r"deep\.png has pixels of kind I;16"):
-        read_picture(path)
+def test_refuses_what_is_no_file_and_sixteen_bits(tmp_path):
+    """Missing files, folders, and depths other than eight bits, which are not scaled by guess."""
+    save(tmp_path / "deep.png", GREY.astype(np.uint16) * 257)
+    names = {"gone.png": "does not exist", ".": "folder", "deep.png": r"deep\.png has pixels of kind I;16"}
+    for name, message in names.items():
+        with pytest.raises(PictureError, match=message):
+            read_picture(tmp_path / name)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
-def test_refuses_a_picture_of_too_many_pixels_undecoded(suffix, grey, tmp_path):
+def test_refuses_a_picture_of_too_many_pixels_undecoded(suffix, tmp_path):
     """A small file can state a huge size; the header is read before memory is taken."""
-    path = save(tmp_path / f"bomb{suffix}", grey)
+    path = save(tmp_path / f"bomb{suffix}", GREY)
     data = bytearray(path.read_bytes())
     if suffix == ".png":
         data[16:24] = struct.pack(">II", 30_000, 30_000)

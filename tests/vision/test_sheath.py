@@ -8,17 +8,14 @@ from labrig.errors import MeasurementRefusedError, PictureError
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
 from labrig.vision.sheath import measure_sheath
-from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
+from tests.vision.renderer import Gel, Needle
 
-LENS = RenderedLens()
-BENCH = RenderedBench(LENS)
-PLANE = LENS.plane_map()
-INSIDE = -1.0
+PLANE = Gel().camera.plane_map()
 
 
-def sheath(tip_mm: tuple[float, float] = (0.0, 0.0), heading_rad: float = 0.0) -> RenderedNeedle:
-    """Return a needle that is still inside its sheath."""
-    return RenderedNeedle(length_mm=INSIDE, sheath_tip_mm=tip_mm, heading_rad=heading_rad)
+def sheath(tip_mm: tuple[float, float] = (0.0, 0.0), heading_rad: float = 0.0) -> Gel:
+    """Return a needle that is still inside its sheath, whose tip is at (y, z)."""
+    return Gel(Needle(length_mm=-1.0, entry_mm=(tip_mm[1], -tip_mm[0]), heading_rad=-heading_rad))
 
 
 def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
@@ -30,7 +27,7 @@ def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
             (float(random.normal(0.0, 0.5)), float(random.normal(0.0, 1.0))),
             float(random.normal(0.0, 0.02)),
         )
-        found = measure_sheath(BENCH.picture(sheath(tip, heading), RenderedGel(), seed), PLANE, 2.0)
+        found = measure_sheath(sheath(tip, heading).take(seed), PLANE, 2.0)
         off.append((found.tip_mm[1] - tip[1], found.tip_mm[0] - tip[0], found.heading_rad - heading))
     along, across, turn = np.abs(off).T
     assert along.max() < 0.05
@@ -42,7 +39,7 @@ def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
 @pytest.mark.processors
 def test_a_bubble_at_the_end_moves_nothing() -> None:
     """A dark bubble of 0.8 mm in front of two thirds of the end moves the tip by less than 0.1 mm."""
-    image = BENCH.picture(sheath(), RenderedGel(bubbles=0), 1)
+    image = sheath().take(1, bubbles=0)
     u, v = PLANE.to_px(np.array([[0.55, 0.5]]))[0]
     cv2.circle(image, (round(u), round(v)), round(0.8 / PLANE.mm_per_px), 60, -1, cv2.LINE_AA)
     assert measure_sheath(image, PLANE, 2.0).tip_mm == pytest.approx((0.0, 0.0), abs=0.1)
@@ -50,26 +47,32 @@ def test_a_bubble_at_the_end_moves_nothing() -> None:
 
 def test_heading_is_measured_after_the_needle_is_out() -> None:
     """The sheath behind the step of width still shows its heading; without a sheath there is no heading."""
-    image = BENCH.picture(RenderedNeedle(heading_rad=0.03), RenderedGel(), 2)
+    image = Gel(Needle(heading_rad=-0.03)).take(2)
     measured = measure_curvature(image, PLANE, CurvatureSettings())
     assert measured.sheath_heading_rad == pytest.approx(0.03, abs=0.005)
-    bare = BENCH.picture(RenderedNeedle(sheath_diameter_mm=1.2), RenderedGel(), 2)
+    bare = Gel(Needle(sheath_mm=1.2)).take(2)
     assert (
         measure_curvature(bare, PLANE, CurvatureSettings(sheath_diameter_mm=None)).sheath_heading_rad is None
     )
 
 
-def test_a_picture_without_a_sheath_is_refused() -> None:
-    """A picture without a shaft, or of another camera, is refused."""
-    with pytest.raises(MeasurementRefusedError):
-        measure_sheath(BENCH.picture(None, RenderedGel(bubbles=0, tracks_mm=()), 1), PLANE, 2.0)
-    other = PlaneMap.from_scale(15.0, (320.0, 200.0), "right", (640, 480))
-    with pytest.raises(PictureError):
-        measure_sheath(BENCH.picture(sheath(), RenderedGel(), 1), other, 2.0)
+@pytest.mark.parametrize(
+    ("gel", "plane", "words"),
+    [
+        (Gel(None), PLANE, "nothing dark and straight enters"),
+        (sheath((0.0, -18.5)), PLANE, "is not a shaft"),
+        (sheath((0.0, -17.9)), PLANE, "mm of the sheath are seen, and 3 mm are the least"),
+        (sheath(), PlaneMap.from_scale(15.0, (320.0, 200.0), "right", (640, 480)), "640 x 480"),
+    ],
+    ids=["no shaft", "too short for a shaft", "too short for a heading", "another camera"],
+)
+def test_what_shows_no_sheath_is_refused(gel: Gel, plane: PlaneMap, words: str) -> None:
+    """A picture without a shaft, one in which too little of it is seen for a heading, and one of another camera."""
+    with pytest.raises((MeasurementRefusedError, PictureError), match=words):
+        measure_sheath(gel.take(1, bubbles=0, tracks_mm=()), plane, 2.0)
 
 
-def test_a_sheath_that_hardly_enters_the_picture_is_refused() -> None:
-    """A visible length of 2 mm does not determine the heading."""
-    image = BENCH.picture(sheath((0.0, -18.5)), RenderedGel(bubbles=0), 1)
-    with pytest.raises(MeasurementRefusedError):
-        measure_sheath(image, PLANE, 2.0)
+def test_a_sheath_that_just_enters_the_picture_is_measured() -> None:
+    """A millimetre more of it than is refused."""
+    found = measure_sheath(sheath((0.0, -17.0)).take(1, bubbles=0, tracks_mm=()), PLANE, 2.0)
+    assert found.tip_mm == pytest.approx((0.0, -17.0), abs=0.05)

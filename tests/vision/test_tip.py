@@ -12,8 +12,8 @@ from labrig.errors import FileFormatError, InputError, PictureError
 from labrig.protocol.model import Direction
 from labrig.vision.template import TipTemplate, load_template, save_template
 from labrig.vision.tip import locate_tip
-from tests.vision.rendering import RenderedGel
-from tests.vision.tips import bench, tip
+from tests.vision.renderer import Gel
+from tests.vision.tips import CAMERA, tip
 
 TEMPLATE = tip(0.0, 100).template()
 
@@ -39,12 +39,6 @@ def test_a_tip_is_found_to_a_tenth_of_a_pixel_with_its_heading_known_within_five
     assert np.sqrt(np.mean(np.square(errors), axis=0)) == pytest.approx(0.0, abs=0.1)
 
 
-def test_the_whole_picture_is_searched_where_nothing_is_predicted() -> None:
-    """The tip is found without a predicted place, heading or roll."""
-    shown = tip(0.5, 3)
-    assert _off_px(locate_tip(shown.picture, TEMPLATE).tip_px, shown.px) < 0.3
-
-
 @pytest.mark.processors
 def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
     """A template taken at roll 0 serves at roll pi, even if there is no glint there."""
@@ -53,44 +47,51 @@ def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
     assert _off_px(fix.tip_px, shown.px) < 1.0
 
 
-@pytest.mark.parametrize("insertion", ["down", "left", "up"])
-def test_a_template_serves_whichever_way_the_insertion_points(insertion: Direction) -> None:
-    """The heading is relative to another direction of insertion; the picture stays the same."""
+@pytest.mark.parametrize(
+    ("insertion", "turn"), [("down", -0.5), ("left", 1.0), ("up", 0.5), (None, 0.0)], ids=str
+)
+def test_a_template_serves_whichever_way_the_insertion_points(
+    insertion: Direction | None, turn: float
+) -> None:
+    """The heading is relative to another direction of insertion; where nothing is predicted all is searched."""
     shown = tip(0.4, 5)
-    turned = TEMPLATE.relative_to(insertion)
-    angle = {"down": -0.5, "left": 1.0, "up": 0.5}[insertion] * math.pi
-    predicted = math.remainder(0.4 - angle, 2 * math.pi)
-    fix = locate_tip(shown.picture, turned, near_px=shown.px, heading_rad=predicted, roll_rad=0.0)
-    assert _off_px(fix.tip_px, shown.px) < 0.2
+    hint: dict[str, Any] = {}
+    if insertion:
+        hint = {
+            "near_px": shown.px,
+            "heading_rad": math.remainder(0.4 - turn * math.pi, 2 * math.pi),
+            "roll_rad": 0.0,
+        }
+    fix = locate_tip(shown.picture, TEMPLATE.relative_to(insertion or "right"), **hint)
+    assert _off_px(fix.tip_px, shown.px) < (0.2 if insertion else 0.3)
 
 
 def test_pixels_in_colour_say_the_same_as_in_grey() -> None:
     """A blue-green-red picture is converted to grey."""
     shown = tip(0.2, 6)
-    grey, colour = (
-        locate_tip(picture, TEMPLATE, near_px=shown.px, heading_rad=0.2)
-        for picture in (shown.picture, np.repeat(shown.picture[..., None], 3, axis=-1))
-    )
+    pictures = (shown.picture, np.repeat(shown.picture[..., None], 3, axis=-1))
+    grey, colour = (locate_tip(picture, TEMPLATE, near_px=shown.px, heading_rad=0.2) for picture in pictures)
     assert _off_px(colour.tip_px, grey.tip_px or (0, 0)) < 0.05
 
 
 @pytest.mark.parametrize("level", [0, 128, 255, None])
 def test_a_picture_without_a_needle_shows_no_tip(level: int | None) -> None:
     """A dark, grey or saturated picture, and gel with bubbles and tracks, are refused, whatever correlates there."""
-    gel = bench().picture(None, RenderedGel(), 1) if level is None else np.full((480, 640), level, np.uint8)
+    gel = Gel(None, CAMERA).take(1) if level is None else np.full((480, 640), level, np.uint8)
     for near in (None, (300.0, 200.0)):
         fix = locate_tip(gel, TEMPLATE, near_px=near, heading_rad=0.0)
         assert (fix.accepted, fix.tip_px) == (False, None)
         assert fix.reason is not None
 
 
-def test_a_masked_tip_is_not_found() -> None:
-    """Masked pixels belong to no tip, and no place beside them is accepted either."""
+def test_a_tip_that_is_masked_or_predicted_outside_of_the_picture_is_not_found() -> None:
+    """Masked pixels belong to no tip, nor does a place beside them; of a region outside nothing is left."""
     shown = tip(0.2, 7)
     mask = np.zeros(shown.picture.shape, bool)
     u, v = (round(at) for at in shown.px)
     mask[v - 6 : v + 7, u - 6 : u + 7] = True
     assert not locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.2, mask=mask).accepted
+    assert not locate_tip(shown.picture, TEMPLATE, near_px=(5000.0, 200.0), heading_rad=0.2).accepted
 
 
 @pytest.mark.processors
@@ -103,12 +104,6 @@ def test_two_tips_cannot_be_told_apart() -> None:
     fix = locate_tip(twice, TEMPLATE, heading_rad=0.0, roll_rad=0.0)
     assert not fix.accepted
     assert "told apart" in (fix.reason or "")
-
-
-def test_a_tip_predicted_outside_of_the_picture_is_refused() -> None:
-    """The region is cut to the picture; if nothing is left, there is no tip."""
-    shown = tip(0.0, 9)
-    assert not locate_tip(shown.picture, TEMPLATE, near_px=(5000.0, 200.0), heading_rad=0.0).accepted
 
 
 @pytest.mark.parametrize(
@@ -131,7 +126,7 @@ def test_what_cannot_be_searched_is_an_error(
 
 
 def test_a_template_comes_back_from_its_files_as_it_was(tmp_path: Path) -> None:
-    """Picture, tip, heading, insertion and roll survive, by the name of either file."""
+    """Picture, tip, heading, insertion and roll survive, by the name of either file; it may be written by hand."""
     kept = TipTemplate(TEMPLATE.picture, (20.25, 19.5), -0.3, "down", 1.5)
     save_template(tmp_path / "tip.png", kept, {"command": "test"})
     for name in ("tip.png", "tip.json"):
@@ -139,40 +134,34 @@ def test_a_template_comes_back_from_its_files_as_it_was(tmp_path: Path) -> None:
         assert np.array_equal(found.picture, kept.picture)
         stated = (found.tip_px, found.heading_rad, found.insertion, found.roll_rad)
         assert stated == ((20.25, 19.5), -0.3, "down", 1.5)
-
-
-def test_a_template_may_be_written_by_hand(tmp_path: Path) -> None:
-    """A cropped picture and a JSON file with tip and heading in degrees are enough."""
-    cv2.imwrite(str(tmp_path / "tip.png"), TEMPLATE.picture)
     (tmp_path / "tip.json").write_text('{"tip_px": [20, 19.5], "heading_deg": 90}')
     assert load_template(tmp_path / "tip.png").heading_rad == pytest.approx(math.pi / 2)
 
 
 @pytest.mark.parametrize(
-    "document",
+    ("picture", "document", "error"),
     [
-        "{",
-        '{"tip_px": [20, 20]}',
-        '{"tip_px": [20, 20], "heading_rad": 0, "heading_deg": 0}',
-        '{"tip_px": [20, 900], "heading_rad": 0}',
-        '{"tip_px": [20, 20], "heading_rad": NaN}',
-        '{"tip_px": [20, 20], "heading_rad": 0, "insertion": "sideways"}',
+        (TEMPLATE.picture, None, FileFormatError),
+        (TEMPLATE.picture, "{", FileFormatError),
+        (TEMPLATE.picture, '{"tip_px": [20, 20]}', FileFormatError),
+        (TEMPLATE.picture, '{"tip_px": [20, 20], "heading_rad": 0, "heading_deg": 0}', FileFormatError),
+        (TEMPLATE.picture, '{"tip_px": [20, 900], "heading_rad": 0}', FileFormatError),
+        (TEMPLATE.picture, '{"tip_px": [20, 20], "heading_rad": NaN}', FileFormatError),
+        (
+            TEMPLATE.picture,
+            '{"tip_px": [20, 20], "heading_rad": 0, "insertion": "sideways"}',
+            FileFormatError,
+        ),
+        (np.full((41, 41), 90, np.uint8), '{"tip_px": [1, 1], "heading_rad": 0}', PictureError),
+        (np.zeros((4, 4), np.uint8), '{"tip_px": [1, 1], "heading_rad": 0}', PictureError),
     ],
 )
-def test_a_template_whose_json_says_something_else_is_refused(tmp_path: Path, document: str) -> None:
-    """Missing, malformed, incomplete and contradictory files are refused by name."""
-    cv2.imwrite(str(tmp_path / "tip.png"), TEMPLATE.picture)
-    with pytest.raises(FileFormatError, match=r"tip\.json"):
-        load_template(tmp_path / "tip.png")
-    (tmp_path / "tip.json").write_text(document)
-    with pytest.raises(FileFormatError, match=r"tip\.json"):
-        load_template(tmp_path / "tip.png")
-
-
-@pytest.mark.parametrize("picture", [np.full((41, 41), 90, np.uint8), np.zeros((4, 4), np.uint8)])
-def test_a_flat_or_tiny_template_is_refused(tmp_path: Path, picture: np.ndarray) -> None:
-    """A flat template is refused: nothing correlates with it."""
+def test_a_template_that_cannot_be_one_is_refused(
+    tmp_path: Path, picture: np.ndarray, document: str | None, error: type[Exception]
+) -> None:
+    """Missing, malformed, incomplete and contradictory files are refused by name, and what is flat or tiny."""
     cv2.imwrite(str(tmp_path / "tip.png"), picture)
-    (tmp_path / "tip.json").write_text('{"tip_px": [1, 1], "heading_rad": 0}')
-    with pytest.raises(PictureError, match=r"tip\.png"):
+    if document is not None:
+        (tmp_path / "tip.json").write_text(document)
+    with pytest.raises(error, match=r"tip\.json" if error is FileFormatError else r"tip\.png"):
         load_template(tmp_path / "tip.png")

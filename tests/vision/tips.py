@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from labrig.vision.plane import Insertion
 from labrig.vision.template import TipTemplate
-from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
+from tests.vision.renderer import Camera, Gel, Needle, Photo
 
-PLAIN = RenderedGel(bubbles=0, tracks_mm=(), unevenness=0.1)
+CAMERA = Camera((640, 480), 1800.0, (320.0, 240.0), (0.0,) * 5, 115.4, 0.0, origin_px=(200.0, 240.0))
+PLAIN = Gel(None, CAMERA, Photo(0.05, fall=0.05), bubbles=0, tracks_mm=())
 _STRAIGHT_MM = 1e9
 
 
@@ -31,33 +32,16 @@ class Tip:
 
 
 @cache
-def bench() -> RenderedBench:
-    """Return a camera that looks straight down through a lens without distortion."""
-    return RenderedBench(
-        RenderedLens(
-            width=640,
-            height=480,
-            centre_px=(320.0, 240.0),
-            k1=0.0,
-            k2=0.0,
-            tilt_rad=0.0,
-            origin_px=(200.0, 240.0),
-        )
+def tip(heading_rad: float = 0.0, seed: int = 0, *, over: bool = False, gel: Gel = PLAIN) -> Tip:
+    """Draw a needle that heads so, positive upwards; at another fraction of a pixel for each seed."""
+    up, right = np.random.default_rng(seed).uniform(0.0, 0.5, 2)
+    needle = Needle(
+        _STRAIGHT_MM,
+        12.0,
+        (float(right), float(8.0 * np.sin(heading_rad) - up)),
+        -heading_rad,
+        -1 if over else 1,
+        line=0.0 if over else 163.0,
     )
-
-
-@cache
-def tip(heading_rad: float = 0.0, seed: int = 0, *, over: bool = False, gel: RenderedGel = PLAIN) -> Tip:
-    """Draw a needle that heads so; at another fraction of a pixel for each seed."""
-    shift = np.random.default_rng(seed).uniform(0.0, 0.5, 2)
-    needle = RenderedNeedle(
-        radius_mm=_STRAIGHT_MM,
-        length_mm=12.0,
-        heading_rad=heading_rad,
-        sheath_tip_mm=(float(shift[0] - 8.0 * np.sin(heading_rad)), float(shift[1])),
-        bend=1 if over else -1,
-        glint=0.0 if over else 1.0,
-    )
-    end = np.array(needle.sheath_tip_mm) + 12.0 * np.array([np.sin(heading_rad), np.cos(heading_rad)])
-    u, v = bench().lens.plane_map().to_px(end[None])[0]
-    return Tip(bench().picture(needle, gel, seed), (float(u), float(v)), heading_rad)
+    u, v = CAMERA.to_px([needle.tip_mm])[0]
+    return Tip(gel.take(seed, needle=needle), (float(u), float(v)), heading_rad)

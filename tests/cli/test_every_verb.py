@@ -124,9 +124,9 @@ def test_every_verb_takes_a_killed_run(made: Made, killed: Path, tmp_path: Path,
     """It can be checked, replayed, measured, shown, exported and annotated."""
     if made.name != "design":  # takes long to compute
         assert labrig("replay", killed).exit_code == (2 if made.name == "import" else 0)
-        measured = labrig("reanalyze", killed)
-        too_few = made.name == "roll-zero"
-        assert (measured.exit_code, "four of each are the least" in measured.err) == (2 * too_few, too_few)
+        assert (
+            labrig("reanalyze", killed).exit_code == 0
+        )  # a roll zero by too few rolls is a result that says no
     use_every_verb(killed, tmp_path / "out", labrig)
     assert labrig("runs", "check", killed).exit_code == 0
 

@@ -10,7 +10,7 @@ from labrig.analysis.origin import find_origins, lateral_offset_mm
 from labrig.analysis.pictures import load_plane_map, measure_pictures
 from labrig.analysis.result import Findings, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
-from labrig.errors import InputError, LabrigError, MeasurementRefusedError, PictureError, RecordError
+from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult, TorsionHoleResult, TorsionResult
 from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionHole, explain_doubt
@@ -78,17 +78,11 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     return Findings(result)
 
 
-def _judge(
-    what: str,
-    fit: Callable[[], _Fit],
-    most_deg: float,
-    reasons: list[str],
-    refusals: tuple[type[LabrigError], ...] = (MeasurementRefusedError,),
-) -> _Fit | None:
+def _judge(what: str, fit: Callable[[], _Fit], most_deg: float, reasons: list[str]) -> _Fit | None:
     """Return a fit, None if it is refused; add to the reasons why it is, or why it is too uncertain."""
     try:
         fitted = fit()
-    except refusals as error:
+    except (InputError, MeasurementRefusedError) as error:
         reasons.append(error.message)
         return None
     if doubt := explain_doubt(what, fitted.sd_rad, most_deg):
@@ -119,7 +113,6 @@ def _analyze_torsion(
         lambda: fit_torsion(bends, find_lengths(steps), radius_mm),
         steps.max_sd_deg,
         reasons,
-        (InputError, MeasurementRefusedError),
     )
     return TorsionResult(holes=tuple(holes), fit=fit)
 

@@ -54,9 +54,9 @@ class EstimatorSettings(Estimator):
         """H, (2 or 3, size): the errors that an observation sees, in the tip's frame; in the plane x is not seen."""
         return freeze(np.eye(self.size)[1:3] if self.planar else np.eye(self.size)[:3])
 
-    @cached_property
+    @property
     def noise(self) -> FloatArray:
-        """R, the covariance of an observation [mm^2]."""
+        """R, the covariance of an observation [mm^2]; not kept, as `model_copy` would keep it beside another value."""
         return freeze(self.observation_sd_mm**2 * np.eye(len(self.observed)))
 
     @cached_property

@@ -32,7 +32,7 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
     Raises
     ------
     InputError
-        When the run has no map from pixels to mm, or too few pictures show the needle.
+        When the run has no map from pixels to mm.
     RecordError
         When its lines are damaged.
     """

@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.labrig-ready
 OUTSIDE := $(VENV)/outside-client
 CLIENT := tests/devices/outside_client
-ROOMS := vision needle steering protocol record analysis simulation cli/test_kept_records.py
+ROOMS := vision needle steering protocol record analysis simulation cli/test_every_verb.py
 
 .PHONY: run test check test-slow test-random check-rooms test-processors coverage mutants benchmarks manual clean
 .DELETE_ON_ERROR:

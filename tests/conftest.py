@@ -6,6 +6,7 @@ for timing. What was imported is never searched for garbage, which took a tenth 
 
 import gc
 
+import pytest
 from hypothesis import settings
 
 gc.disable()
@@ -19,3 +20,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.set_threshold(10_000, 20, 20)
     gc.enable()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say in one line what was not tried here, and why."""
+    skipped = terminalreporter.getreports("skipped")
+    told = {report.longrepr[2] for report in skipped if isinstance(report.longrepr, tuple | list)}
+    if reasons := {str(reason).removeprefix("Skipped: ") for reason in told}:
+        terminalreporter.write_line(f"{len(skipped)} tests were not tried here: {'; '.join(sorted(reasons))}")

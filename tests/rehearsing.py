@@ -18,10 +18,15 @@ PATIENCE_S = 240.0
 REHEARSED = {
     "rig.clock": "real",
     "rig.can.heartbeat.timeout_ms": 10000,
+    "rig.axes.insertion.max_speed": 40,
+    "rig.axes.insertion.acceleration": 200,
+    "rig.axes.linear.max_speed": 40,
+    "rig.axes.linear.acceleration": 200,
+    "sheath.speed_mm_s": 30,
     **{f"rig.{key}": value for key, value in (line.split("=", 1) for line in CALIBRATED_SMALL_CAMERA)},
 }
-"""A small camera with the calibration of the kept records. The drives wait longer than by default for a labrig on a
-machine that is busy with something else."""
+"""A small camera with the calibration of the kept records, and quick axes. The drives wait longer than by
+default for a labrig on a machine that is busy with something else."""
 
 _QUESTION = re.compile(r">> (.*?)\n +[^\n]*or no to stop:", re.DOTALL)
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")

@@ -43,13 +43,8 @@ class Installed:
         program, *arguments = map(str, command)
         done = subprocess.run(
             [self.environment / "bin" / program, *arguments],
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            env=QUIET,
-            check=False,
-            timeout=300,
-        )
+            cwd=self.folder, capture_output=True, text=True, env=QUIET, check=False, timeout=300,
+        )  # fmt: skip
         assert done.returncode == exit_code, done.stdout + done.stderr
         return done.stdout
 
@@ -133,33 +128,24 @@ def test_a_wheel_holds_the_code_the_examples_and_the_licence(installed: Installe
     assert found == [digest_sources(), examples, "['LICENSE']", PROJECT["version"]]
 
 
-def _read_definitions(schema: Path) -> set[str]:
-    return set(json.loads(schema.read_text(encoding="utf-8"))["$defs"])
-
-
 def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: Installed) -> None:
     """From the schema over the run to its report; then the record is checked, replayed, measured again and exported."""
     where = installed.call("python", "-c", "import labrig, labrig_example; print(labrig.__file__)")
     assert where.startswith(str(installed.environment))
     installed.call("labrig", "init", "lab")
-    schemas = {
-        name: (installed.folder / "lab" / f"{name}.schema.json").read_text()
+    protocol, rig = (
+        json.loads((installed.folder / "lab" / f"{name}.schema.json").read_text())
         for name in ("protocols/protocol", "calibration/rig")
-    }
-    experiments = json.loads(schemas["protocols/protocol"])["discriminator"]["mapping"]
-    assert {"bevel-turns", "repeatability", "steerability"} <= set(experiments)
-    rig = json.loads(schemas["calibration/rig"])["$defs"]
-    assert {"StepperAxis", "Epos2Axis", "MarkerDescription"} <= set(rig)
-
-    protocol = ("repeatability.yaml", "--rig", "rig.yaml")
-    assert json.loads(installed.call("labrig", "check", *protocol, "--json"))["ok"]
-    ran = json.loads(installed.call("labrig", "run", *protocol, "--runs-dir", "runs", "--json"))
-    result = ran["result"]
-    assert (ran["exit_status"], result["conclusion"]["came_back"], len(result["rows"])) == (
-        "success",
-        True,
-        4,
     )
+    assert {"bevel-turns", "repeatability", "steerability"} <= set(protocol["discriminator"]["mapping"])
+    assert {"StepperAxis", "Epos2Axis", "MarkerDescription"} <= set(rig["$defs"])
+
+    words = ("repeatability.yaml", "--rig", "rig.yaml", "--json")
+    assert json.loads(installed.call("labrig", "check", *words))["ok"]
+    ran = json.loads(installed.call("labrig", "run", *words, "--runs-dir", "runs"))
+    result = ran["result"]
+    found = (ran["exit_status"], result["conclusion"]["came_back"], len(result["rows"]))
+    assert found == ("success", True, 4)
     page = (installed.folder / ran["report"]).read_text(encoding="utf-8")
     assert "4 of 4 pictures measured" in page
     assert page.count("<figcaption") == 4  # a picture of each visit; the stepper does not measure its current
@@ -167,8 +153,7 @@ def test_an_experiment_a_drive_and_a_camera_of_another_package_run(installed: In
     run = ran["run"]
     (sound,) = json.loads(installed.call("labrig", "runs", "check", run, "--json"))
     assert (sound["ok"], sound["damage"]) == (True, [])
-    replayed = json.loads(installed.call("labrig", "replay", run, "--json"))
-    assert replayed["verdict"] == "identical"
+    assert json.loads(installed.call("labrig", "replay", run, "--json"))["verdict"] == "identical"
     # It moves the first centre by 0.8 px, which is beyond the tolerance of pixels.
     changed = ("--set", "analysis.threshold=30")
     (again,) = json.loads(installed.call("labrig", "reanalyze", run, *changed, "--json"))

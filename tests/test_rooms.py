@@ -4,7 +4,6 @@ import ast
 import importlib
 import json
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -22,7 +21,6 @@ ANALYSES = [
     "labrig.analysis.run",
     *(f"labrig.experiments.{path.parent.name}.analysis" for path in ROOT.glob("experiments/*/analysis.py")),
 ]
-RECORDS = ROOT.parent / "tests" / "records"
 INSIDE = {"The bus stays inside devices": {"devices"}}
 """Contract -> the rooms that are not on its list."""
 DOCUMENTED = {
@@ -38,7 +36,7 @@ def _find_loaded(code: str, packages: tuple[str, ...]) -> list[str]:
     """Return which of the packages a new Python has loaded after some code."""
     code += f"\nimport sys, json; print(json.dumps([one for one in {packages!r} if one in sys.modules]))"
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
     )
     loaded: list[str] = json.loads(done.stdout.splitlines()[-1])
     return loaded
@@ -69,22 +67,14 @@ def test_a_room_hands_out_its_documented_names_alone(room: str) -> None:
         ("labrig.protocol.load", ("cv2", "numpy", "pandas", "scipy", "matplotlib", "rerun", "can", "typer", "jinja2")),
         ("labrig.devices.clocks", ("numpy", "cv2", "can", "canopen", "pydantic")),
         ("labrig.runner.experiment", ("matplotlib", "jinja2")),
+        ("labrig.library.door, labrig.cli.attendant", ("rerun",)),
         ("labrig.analysis.comparison, labrig.experiments.roll_zero.analysis", ("scipy.stats",)),
-        *((module, ("can", "canopen", "labrig.devices")) for module in ANALYSES),
+        (", ".join(ANALYSES), ("can", "canopen", "labrig.devices")),
     ],
 )  # fmt: skip
 def test_what_is_not_asked_for_is_not_loaded(modules: str, unneeded: tuple[str, ...]) -> None:
     """A file brings the packages that it needs, and not those of its neighbours."""
     assert _find_loaded(f"import {modules}", unneeded) == []
-
-
-def test_a_list_of_runs_loads_no_experiment(tmp_path: Path) -> None:
-    """`labrig runs` reads what records say, whatever their experiments are."""
-    folder = shutil.copytree(RECORDS, tmp_path / "runs")
-    code = f"from labrig.cli.main import run_command; run_command(['runs', '--runs-dir', {str(folder)!r}])"
-    assert (
-        _find_loaded(code, ("labrig.experiments", "labrig.runner", "can", "canopen", "pandas", "cv2")) == []
-    )
 
 
 def test_every_room_is_named_where_labrig_says_what_it_is() -> None:

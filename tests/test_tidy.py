@@ -29,13 +29,9 @@ def _room(path: Path) -> str:
     return path.relative_to(ROOT / "labrig").parts[0]
 
 
-def _local_imports(path: Path) -> list[int]:
-    return [
-        inner.lineno
-        for function in _functions(_tree(path))
-        for inner in ast.walk(function)
-        if isinstance(inner, ast.Import | ast.ImportFrom)
-    ]
+def _imports_inside_functions(path: Path) -> bool:
+    inside = (inner for function in _functions(_tree(path)) for inner in ast.walk(function))
+    return any(isinstance(inner, ast.Import | ast.ImportFrom) for inner in inside)
 
 
 def test_imports_inside_functions_stand_in_cli_alone() -> None:
@@ -43,7 +39,7 @@ def test_imports_inside_functions_stand_in_cli_alone() -> None:
     importing = {
         path.relative_to(ROOT / "labrig").as_posix()
         for path in SOURCES
-        if _room(path) not in {"cli", "manual"} and _local_imports(path)
+        if _room(path) not in {"cli", "manual"} and _imports_inside_functions(path)
     }
     assert importing <= {
         "library/door.py",  # `import labrig` loads what is called
@@ -144,19 +140,13 @@ def test_tracked_files_hold_none_of_these(what: str, pattern: str) -> None:
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode != 0:
         pytest.skip("not a git checkout, so the tracked files are not known")
-    skip_devices = what == "a real sleep in a test"
-    offenders = []
-    for name in listed.stdout.splitlines():
-        path = ROOT / name
-        if (
-            not path.is_file()
-            or path.suffix in {".png", ".npz"}
-            or (skip_devices and name.startswith("labrig/devices/"))
-        ):
-            continue
-        if re.search(pattern, path.read_text(encoding="utf-8", errors="replace")):
-            offenders.append(name)
-    assert offenders == [], what
+    names = (name for name in listed.stdout.splitlines() if not name.endswith((".png", ".npz")))
+    texts = {
+        name: (ROOT / name).read_text(encoding="utf-8", errors="replace")
+        for name in names
+        if (ROOT / name).is_file() and not ("sleep" in what and name.startswith("labrig/devices/"))
+    }
+    assert [name for name, text in texts.items() if re.search(pattern, text)] == []
 
 
 def test_a_commit_is_checked_as_make_checks_the_code() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from labrig.errors import AnswerIsNoError
 from labrig.needle.equations import EQUATION_3, RotationPlane, rotation_for_radius_deg
-from labrig.needle.hinge import Hinge, widest_clearance_mm
+from labrig.needle.hinge import THINNEST_CLEARANCE_MM, Hinge, widest_clearance_mm
 from labrig.needle.rotation_search import DEFAULT_SEED, GridPoint, search_rotations
 from labrig.protocol.design_file import Tube
 
@@ -41,11 +41,12 @@ def design_by_equations(tube: Tube, radius_mm: float, clearance_mm: float) -> Hi
 def make_hinge_grid(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) -> tuple[Hinge, ...]:
     """Return points x points hinges: clearances around the given clearance, each with inclinations from 0 to 8 degrees.
 
-    They range from 0.4 to 1.6 times the given clearance (0.010 to 0.040 mm for the paper's 0.025), or up to the
-    widest clearance that still holds the knuckle at 8 degrees.
+    They range from 0.4 to 1.6 times the given clearance (0.010 to 0.040 mm for the paper's 0.025), as far as a laser
+    cuts so finely, and a clearance so wide still holds the knuckle at 8 degrees.
     """
     widest_mm = min(_HIGHEST_SHARE * clearance_mm, 0.999 * widest_clearance_mm(tube, STEEPEST_CUT_DEG))
-    clearances_mm = np.linspace(_LOWEST_SHARE * clearance_mm, widest_mm, points)
+    thinnest_mm = max(_LOWEST_SHARE * clearance_mm, THINNEST_CLEARANCE_MM)
+    clearances_mm = np.linspace(thinnest_mm, widest_mm, points)
     cuts_deg = np.linspace(0.0, STEEPEST_CUT_DEG, points)
     return tuple(Hinge(tube, float(d), float(cut)) for d in clearances_mm for cut in cuts_deg)
 

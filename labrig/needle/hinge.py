@@ -55,7 +55,7 @@ _CORNER_CHORDS = 24
 # How far inside the lip its section is taken: enough for a polygon, at a cost of 0.0003 degrees.
 _INSIDE_LIP_MM = 1e-4
 # Thinnest kerf: the waist of a focused laser.
-_THINNEST_CLEARANCE_MM = 0.001
+THINNEST_CLEARANCE_MM = 0.001
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Hinge:
         require_within(
             "laser clearance",
             self.clearance_mm,
-            (_THINNEST_CLEARANCE_MM, widest_clearance_mm(self.tube, 0.0)),
+            (THINNEST_CLEARANCE_MM, widest_clearance_mm(self.tube, 0.0)),
             "a laser cuts no finer, and a wider cut lets the knuckle slip out of its socket",
         )
         require_within(

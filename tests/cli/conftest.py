@@ -18,6 +18,20 @@ ROOT = Path(__file__).parents[2]
 SWEEP = ROOT / "protocols" / "steerability.yaml"
 RIG = ROOT / "calibration" / "rig-simulated.yaml"
 
+_KEPT = ROOT / "tests" / "records" / "steerability" / "calibration"
+KEPT_MAPPING = ("--intrinsics", _KEPT / "intrinsics.json", "--plane", _KEPT / "plane.json")
+"""What turns pixels of the kept pictures into mm."""
+SCENARIO = {
+    "needle": {"radius_mm": 27.6, "diameter_mm": 1.2},
+    "target": {"position_mm": [0, 5, 100], "tolerance_mm": 2},
+    "obstacles": [{"position_mm": [0, -2, 35], "radius_mm": 8}, {"position_mm": [0, 6, 68], "radius_mm": 8}],
+    "planar": True,
+    "clearance_mm": 0.6,
+    "max_arcs": 6,
+    "max_length_mm": 130,
+}
+"""What `labrig plan` plans a path for."""
+
 
 @dataclass(frozen=True)
 class Done:

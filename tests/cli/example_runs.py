@@ -1,16 +1,11 @@
-"""A short run of each example protocol, and of imported pictures, made by the commands that people use."""
+"""The example protocols, shortened, as arguments of the commands that people use."""
 
-import hashlib
-import shutil
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
-from tests.cli.conftest import RIG, ROOT, printed_json
+from tests.cli.conftest import RIG, ROOT
 from tests.small_camera import CALIBRATED_SMALL_CAMERA, SMALL_CAMERA, set_options
 
 PROTOCOLS = ROOT / "protocols"
-FIRST = ROOT / "tests" / "records" / "steerability"
 
 # Each example as short as it can be and still succeed.
 SHORTENED: Mapping[str, tuple[str, ...]] = {
@@ -27,7 +22,6 @@ SHORTENED: Mapping[str, tuple[str, ...]] = {
     "calibration": ("views=6",),
     "design": ("grid_points=3",),
 }  # fmt: skip
-EXAMPLES = (*SHORTENED, "import")
 _TO_CALIBRATE = (
     *SMALL_CAMERA,
     "world.noise_sd=0",
@@ -47,20 +41,3 @@ def of_protocol(name: str) -> tuple[object, ...]:
         camera = _TO_CALIBRATE
         settings += ["--set", "plane.origin_px=[123,112]"]
     return (PROTOCOLS / f"{name}.yaml", "--rig", RIG, *set_options(*camera), *settings)
-
-
-def make_example(name: str, runs_dir: Path) -> tuple[Path, dict[str, Any]]:
-    """Return a run that has come to its end, and what the command that made it printed; a design is a kept one."""
-    if name == "design":  # takes long to compute
-        run = Path(shutil.copytree(ROOT / "tests" / "records" / name, runs_dir / name))
-        (run / "frames").mkdir()  # an empty folder is not in a checkout
-        return run, {"checksum": hashlib.sha256((run / "SHA256SUMS").read_bytes()).hexdigest()}
-    if name == "import":
-        calibration = FIRST / "calibration"
-        (document,) = printed_json(
-            "import", FIRST / "frames", "--intrinsics", calibration / "intrinsics.json",
-            "--plane", calibration / "plane.json", "--needle-diameter-mm", 1.2, "--runs-dir", runs_dir, "--json",
-        )  # fmt: skip
-    else:
-        document = printed_json("run", *of_protocol(name), "--runs-dir", runs_dir, "--json")
-    return Path(document["run"]), document

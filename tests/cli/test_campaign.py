@@ -15,20 +15,13 @@ from tests.cli.conftest import RIG, Labrig
 
 ARMS = {"vary": {"policy.replan_every_mm": [10, 40]}}
 FAST = {
-    "policy.deviation_mm": None,
-    "policy.near_mm": 0,
-    "policy.final_mm": 0,
-    "obstacles": [],
-    "target.position_mm": [0, 2, 60],
-}
-
+    "policy.deviation_mm": None, "policy.near_mm": 0, "policy.final_mm": 0, "obstacles": [],
+    "target.position_mm": [0, 2, 40],
+}  # fmt: skip
 TINY = {
-    **FAST,
-    "target.position_mm": [0, 1, 12],
-    "insertion.frame_every_mm": 6,
-    "roll_zero.rolls": 4,
+    **FAST, "target.position_mm": [0, 1, 12], "insertion.frame_every_mm": 6, "roll_zero.rolls": 4,
     "roll_zero.length_mm": 12,
-}
+}  # fmt: skip
 """The shortest insertion, for whole runs."""
 
 
@@ -50,13 +43,13 @@ def test_a_campaign_prints_the_keys_that_others_rely_on_and_goes_on(labrig: Labr
     assert (document["tasks"], document["done"], document["failed"]) == (4, 4, 0)
     assert document["campaign"] == str(made / "out")
     first = document["arms"][0]
-    assert first["name"] == "replan_every_mm=10"
-    assert first["n"] == 2
-    assert 0 < first["mean_error_mm"] < 30
+    assert (first["name"], first["n"]) == ("replan_every_mm=10", 2)
     assert first["ci95_mm"][0] < first["mean_error_mm"] < first["ci95_mm"][1]
-    assert first["within_tolerance"] in {0, 1, 2}
     assert Path(document["report"]).read_text(encoding="utf-8").startswith("<!doctype html>")
     before = pd.read_parquet(document["table"])
+    errors_mm = before.loc[before["arm"] == first["name"], "true_target_error_mm"]
+    assert first["mean_error_mm"] == pytest.approx(errors_mm.mean())
+    assert first["within_tolerance"] == (errors_mm <= 2.0).sum()
     alone = labrig(*file, "--out", made / "alone", "--workers", 1, "--json").json()
     pd.testing.assert_frame_equal(before, pd.read_parquet(alone["table"]))  # workers change nothing
     write_campaign(made, **ARMS, set=FAST, repetitions=3)
@@ -69,12 +62,9 @@ def test_a_campaign_prints_the_keys_that_others_rely_on_and_goes_on(labrig: Labr
 def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_path: Path) -> None:
     """Of any experiment: here a sweep with one insertion; its quantities are those of its result."""
     sweep = {
-        "specimens": [{"name": "gel", "gelatin_percent": 13}],
-        "insertions_per_specimen": 1,
-        "insertion.length_mm": 22,
-        "insertion.speed_mm_s": 5,
-        "insertion.frame_every_mm": 20,
-    }
+        "specimens": [{"name": "gel", "gelatin_percent": 13}], "insertions_per_specimen": 1,
+        "insertion.length_mm": 22, "insertion.speed_mm_s": 5, "insertion.frame_every_mm": 20,
+    }  # fmt: skip
     file = write_campaign(tmp_path, base=str(PROTOCOLS / "steerability.yaml"), depth="rig", set=sweep)
     done = labrig("campaign", file, "--set", f"rig={RIG}", "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0, done.err
@@ -85,7 +75,7 @@ def test_whole_runs_on_a_simulated_rig_make_a_campaign_too(labrig: Labrig, tmp_p
 
 def test_ctrl_c_ends_a_campaign_with_a_page_of_what_is_done(tmp_path: Path) -> None:
     """It goes on when it is started again."""
-    file, out = write_campaign(tmp_path, set=FAST, repetitions=100_000), tmp_path / "out"
+    file, out = write_campaign(tmp_path, set=FAST, repetitions=500), tmp_path / "out"
     options = map(str, ("campaign", file, "--set", f"rig={RIG}", "--out", out, "--workers", 1))
     with subprocess.Popen(
         [sys.executable, "-m", "labrig", *options], stderr=subprocess.PIPE, text=True

@@ -1,4 +1,4 @@
-"""`labrig run protocols/design.yaml`: from a radius to a cut, without a rig, and what other runs take from it."""
+"""`labrig plan` and `labrig run protocols/design.yaml`: paths and cuts without a rig; `test_refusals` has refusals."""
 
 import json
 import shutil
@@ -11,11 +11,65 @@ from labrig.cli.finished_run import print_summary
 from labrig.experiments.hinge_design.summary import summarise
 from labrig.protocol.design_file import PAPER_TUBE, Tube, load_design
 from labrig.record.reader import open_run
-from tests.cli.conftest import ROOT, SMALL_RIG, Labrig
+from tests.cli.conftest import ROOT, SCENARIO, SMALL_RIG, Labrig
 from tests.protocol.designs import sweep_with
 
+
+def _file(tmp_path: Path, **changes: object) -> Path:
+    path = tmp_path / "scenario.json"
+    path.write_text(json.dumps({**SCENARIO, **changes}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("method", ["best", "paper"])
+def test_a_plan_is_one_document(labrig: Labrig, tmp_path: Path, method: str) -> None:
+    """Under --json the plan has every documented key, and keeps what the scenario asks."""
+    done = labrig("plan", _file(tmp_path, method=method), "--json")
+    plan = done.json()
+    assert (done.exit_code, plan["found"], plan["reason"]) == (0, True, None)
+    assert plan["clearance_mm"] >= 0.6
+    assert plan["target_error_mm"] <= 2
+    assert plan["length_mm"] == pytest.approx(sum(arc["length_mm"] for arc in plan["arcs"]))
+    assert set(plan["arcs"][0]) == {"roll_rad", "angle_rad", "length_mm"}
+    assert len(plan["tip_mm"]) == 3
+    assert plan["elapsed_s"] > 0
+
+
+@pytest.mark.parametrize(("name", "magic"), [("plan.svg", b"<?xml"), ("plan.png", b"\x89PNG")])
+@pytest.mark.parametrize("planar", [True, False])
+def test_a_plan_is_drawn(labrig: Labrig, tmp_path: Path, name: str, magic: bytes, planar: bool) -> None:
+    """--figure draws the plan as SVG or PNG, and an existing figure is never replaced."""
+    scenario = _file(tmp_path, planar=planar)
+    done = labrig("plan", scenario, "--figure", tmp_path / name)
+    assert (done.exit_code, "length mm" in done.out) == (0, True)
+    assert (tmp_path / name).read_bytes().startswith(magic)
+    assert labrig("plan", scenario, "--figure", tmp_path / name).exit_code == 2
+
+
+def test_no_plan_is_an_answer(labrig: Labrig, tmp_path: Path) -> None:
+    """An unreachable target exits with 1 and the reason; the scenario is drawn all the same."""
+    scenario = _file(tmp_path, target={"position_mm": [0, 0, -20]})
+    done = labrig("plan", scenario, "--json", "--figure", tmp_path / "no.svg")
+    assert (done.exit_code, done.json()["found"], "behind" in done.json()["reason"]) == (1, False, True)
+    assert (tmp_path / "no.svg").is_file()
+    assert "no path: the target" in labrig("plan", scenario).out
+
+
+def test_a_path_allows_for_the_tolerance_of_the_radius(labrig: Labrig, tmp_path: Path) -> None:
+    """Its worst error is printed."""
+    needle = {"radius_mm": 30.0, "diameter_mm": 1.4, "radius_range_mm": [28.0, 32.5]}
+    plan = labrig("plan", _file(tmp_path, needle=needle), "--json").json()
+    for arc in plan["arcs"]:
+        assert arc["length_mm"] == pytest.approx(30.0 * arc["angle_rad"])
+    assert plan["target_error_mm"] < plan["worst_target_error_mm"]
+    assert plan["worst_clearance_mm"] < plan["clearance_mm"]
+    assert "worst radius" in labrig("plan", _file(tmp_path, needle=needle)).out
+    del needle["radius_range_mm"]
+    assert labrig("plan", _file(tmp_path, needle=needle), "--json").json()["worst_target_error_mm"] is None
+
+
 KEPT = ROOT / "tests" / "records" / "design"
-"""The paper's needle with a measured radius, on a coarse grid; `test_kept_records` computes it again."""
+"""The paper's needle with a measured radius, on a coarse grid; `test_every_verb` computes it again."""
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +126,7 @@ def test_record_design_file_and_page_hold_the_answer(
     assert "simulated rig" not in page
 
 
+@pytest.mark.slow
 def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer_if_it_applies(
     labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

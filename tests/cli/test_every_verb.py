@@ -1,184 +1,215 @@
-"""Every example protocol, and imported pictures, through every command that takes a run."""
+"""The kept record of each experiment through every command that takes a run.
 
-import hashlib
+The records are those that `python -m tests.records` makes, kept under tests/records.
+"""
+
+import json
 import re
 import shlex
 import shutil
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.conftest import RIG, Labrig
-from tests.cli.cut_runs import cut_short
-from tests.cli.example_runs import EXAMPLES, SHORTENED, make_example, of_protocol
+from labrig.record.json_lines import encode_line, read_lines
+from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
+from tests.cli.cut_runs import cut_short, open_again
+from tests.cli.example_runs import SHORTENED, of_protocol
 from tests.record.runs import flip_bit
 from tests.runner.sessions import EXAMPLES as PROTOCOL_NAMES
 
+KEPT = ROOT / "tests" / "records"
+NAMES = sorted(path.name for path in KEPT.iterdir() if path.is_dir())
+MEASURED = [pytest.param(name, marks=[pytest.mark.slow] * (name == "design")) for name in NAMES]
+"""A design takes long to compute."""
+AGREES = ("identical", "equivalent")
+TABLES = "csv/states.csv OUT/csv/events.csv OUT/csv/frames.parquet OUT/csv/run.mat OUT/csv/manifest.json"
 VERBS = {
-    "report RUN": "RUN/report.html",
-    "view RUN --json": "RUN/view.rrd",
-    "export RUN --format csv --format parquet --format matlab --out OUT/tables": "OUT/tables/frames.parquet",
-    "export RUN --format record --out OUT/copy": "OUT/copy/manifest.json",
-    "runs check OUT/copy": "OUT/tables/run.mat",
-    "runs annotate RUN --tag kept --note 'look again' --verdict good --by Ada": "RUN/notes.json",
-    "runs show RUN": "OUT/tables/frames.csv",
+    "report RUN": ("RUN/report.html", "report.html"),
+    "view RUN --json": ("RUN/view.rrd", "view.rrd"),
+    "export RUN --format csv --format parquet --format matlab --out OUT/csv": (f"OUT/{TABLES}", "run.mat"),
+    "export RUN --format csv --out OUT/csv --force": (f"OUT/{TABLES}", "states.csv"),
+    "export RUN --format record --out OUT/copy": ("OUT/copy/manifest.json", "OUT/copy"),
+    "export RUN --format record --out OUT/copy --force": ("OUT/copy/manifest.json", "OUT/copy"),
+    "runs check RUN OUT/copy": ("RUN/manifest.json", "OUT/copy"),
+    "runs annotate RUN --tag kept --note 'look again' --verdict good --by Ada": ("RUN/notes.json", ""),
+    "runs show RUN": ("RUN/notes.json", "Ada: look again"),
+    "runs --runs-dir RUN/.. --where tag=kept": ("RUN/notes.json", "kept"),
 }
-"""What succeeds with any run, and a file that is there then."""
+"""What succeeds with any run, the files that are there then, and what is printed."""
 
 
-@dataclass(frozen=True)
-class Made:
-    """A run that was made once, and what the command that made it printed."""
-
-    name: str
-    run: Path
-    document: dict[str, Any]
-
-
-@pytest.fixture(scope="session", params=EXAMPLES)
-def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """Return a run of each experiment that has come to its end."""
-    run, document = make_example(request.param, tmp_path_factory.mktemp("runs"))
-    return Made(request.param, run, document)
+@pytest.fixture(params=NAMES)
+def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Return a writable copy of a kept record."""
+    run = Path(shutil.copytree(KEPT / request.param, tmp_path / "runs" / request.param))
+    (run / "frames").mkdir(exist_ok=True)  # an empty folder is not in a checkout
+    return run
 
 
 @pytest.fixture
-def run(made: Made, tmp_path: Path) -> Path:
-    """Return a copy of a finished run that a test may write into."""
-    return Path(shutil.copytree(made.run, tmp_path / "runs" / "copy"))
-
-
-@pytest.fixture
-def killed(made: Made, tmp_path: Path) -> Path:
+def killed(kept: Path, tmp_path: Path) -> Path:
     """Return the same run as a power cut in the middle of it leaves it."""
-    lines = "frames.jsonl" if made.name == "import" else "events.jsonl"
-    times_s = [float(t_s) for t_s in re.findall(r'"t_s":\s*([-+.e\d]+)', (made.run / lines).read_text())]
-    (tmp_path / "runs").mkdir(exist_ok=True)
-    return cut_short(made.run, tmp_path / "runs" / "killed", (times_s[0] + times_s[-1]) / 2)
+    lines = "frames.jsonl" if kept.name == "import" else "events.jsonl"
+    times_s = [float(t_s) for t_s in re.findall(r'"t_s":\s*([-+.e\d]+)', (kept / lines).read_text())]
+    return cut_short(kept, tmp_path / "killed" / kept.name, (times_s[0] + times_s[-1]) / 2)
 
 
-Sound = Callable[[Path, str], None]
-
-
-@pytest.fixture
-def is_sound(labrig: Labrig) -> Sound:
-    """Check that a run is called sound, closed with a status, and nothing of it torn."""
-
-    def check(run: Path, exit_status: str) -> None:
-        done = labrig("runs", "check", run, "--json")
-        (row,) = done.json()
-        verdict = (row["ok"], row["damage"], row["notices"], row["exit_status"])
-        assert (done.exit_code, *verdict) == (0, True, [], [], exit_status)
-
-    return check
+def require_sound(labrig: Labrig, run: Path, exit_status: str = "success") -> None:
+    """Require that a run is called sound, closed with a status, and nothing of it torn."""
+    done = labrig("runs", "check", run, "--json")
+    (row,) = done.json()
+    verdict = (row["ok"], row["damage"], row["notices"], row["exit_status"])
+    assert (done.exit_code, *verdict) == (0, True, [], [], exit_status)
 
 
 def use_every_verb(run: Path, out: Path, labrig: Labrig) -> None:
-    """Have each verb use a run, and look for its file."""
-    for words, file in VERBS.items():
-        line = words.replace("RUN", shlex.quote(str(run))).replace("OUT", shlex.quote(str(out)))
-        assert labrig(*shlex.split(line)).exit_code == 0, words
-        assert Path(file.replace("RUN", str(run)).replace("OUT", str(out))).stat().st_size > 0, words
+    """Have each verb use a run; look for its files, and for what it prints."""
+    for words, (files, told) in VERBS.items():
+        line, paths, part = (
+            text.replace("RUN", str(run)).replace("OUT", str(out)) for text in (words, files, told)
+        )
+        done = labrig(*shlex.split(line))
+        assert (done.exit_code, part in done.out) == (0, True), (words, done)
+        assert all(Path(path).stat().st_size > 0 for path in paths.split()), words
 
 
-def test_every_example_protocol_is_run_here() -> None:
-    """A new protocol file must pass every command too."""
+def make_rig(run: Path, lab: Path) -> Path:
+    """Return the rig file that a kept record names, in a folder with the calibration that the record began with."""
+    shutil.copytree(RIG.parent, lab / "calibration")
+    found = lab / "tests" / "records" / "camera-calibration" / "analysis" / "001"
+    found.mkdir(parents=True)
+    for name in ("intrinsics.json", "plane.json"):
+        shutil.copy(run / "calibration" / name, found)
+    return lab / "calibration" / RIG.name
+
+
+def test_one_small_record_of_each_experiment_is_kept() -> None:
+    """And each example protocol is shortened here: a new one must pass every command too."""
+    manifests = [json.loads((KEPT / name / "manifest.json").read_text(encoding="utf-8")) for name in NAMES]
+    assert {manifest["experiment"] for manifest in manifests} >= {
+        "steerability", "insertion", "roll-zero", "camera-calibration", "design", "import",
+    }  # fmt: skip
+    assert sum(path.stat().st_size for path in KEPT.rglob("*") if path.is_file()) < 2_200_000
     assert sorted(SHORTENED) == PROTOCOL_NAMES
 
 
 @pytest.mark.parametrize("name", SHORTENED)
 def test_check_finds_no_problem(name: str, labrig: Labrig) -> None:
-    """The dry run of each example has no problems."""
+    """The dry run of each example has no problems, and tells duration, disk space, calibration and what it left out."""
     done = labrig("check", *of_protocol(name), "--json")
-    assert (done.exit_code, done.json()["ok"], done.json()["problems"]) == (0, True, [])
+    document = done.json()
+    assert (done.exit_code, document["ok"], document["problems"]) == (0, True, [])
+    if name == "steerability":
+        whole = labrig("check", SWEEP, "--rig", RIG, "--json").json()
+        assert whole["duration_s"] > 72 * 40
+        assert 0.5 < whole["disk_bytes"] / (72 * 10 * 1280 * 720) < 1.0  # ten pictures a trial
+        assert [age["check"] for age in document["calibration"]] == [
+            "calibration intrinsics age", "calibration plane age",
+        ]  # fmt: skip
+        assert "drives and camera (labrig devices check)" in document["left_to_run"]
 
 
-def test_a_run_replays_identically(made: Made, labrig: Labrig) -> None:
-    """To the last bit; imported pictures were made by no procedure, and the command says so."""
-    if made.name == "design":
-        pytest.skip("it is a kept record, which another processor may have made")
-    assert made.document.get("exit_status", "success") == "success"
-    done = labrig("replay", made.run, "--json")
-    if made.name == "import":
-        assert (done.exit_code, done.json()["error"]["hint"]) == (2, "there is nothing to replay")
+def test_every_verb_takes_a_finished_run(kept: Path, tmp_path: Path, labrig: Labrig) -> None:
+    """Run and copy stay sound; what was said of the run is found."""
+    use_every_verb(kept, tmp_path / "out", labrig)
+    (row,) = labrig("runs", "--runs-dir", kept.parent, "--where", "tag=kept", "--json").json()
+    assert (Path(row["run"]), row["tags"], row["notes"], row["verdict"]) == (kept, ["kept"], 1, "good")
+    require_sound(labrig, kept)
+    require_sound(labrig, tmp_path / "out" / "copy")
+
+
+@pytest.mark.processors
+@pytest.mark.parametrize("kept", MEASURED, indirect=True)
+def test_a_kept_record_is_measured_as_before(kept: Path, labrig: Labrig) -> None:
+    """A reanalysis gives every number of the kept result, on any processor within its tolerance."""
+    done = labrig("reanalyze", kept, "--json")
+    (row,) = done.json()
+    assert (done.exit_code, row["ok"], Path(row["analysis"]).name) == (0, True, "002")
+    assert row["verdict"] in AGREES, row["first_difference"]
+
+
+@pytest.mark.processors
+def test_a_kept_record_replays(kept: Path, labrig: Labrig) -> None:
+    """The procedure decides the same again; no procedure made imported pictures, and the command says so."""
+    done = labrig("replay", kept, "--json")
+    replay = done.json()
+    if kept.name == "import":
+        assert (done.exit_code, replay["error"]["hint"]) == (2, "there is nothing to replay")
     else:
-        assert (done.exit_code, done.json()["verdict"]) == (0, "identical")
+        assert (done.exit_code, replay["first_difference"]) == (0, None)
+        assert replay["verdict"] in AGREES
 
 
-def test_every_verb_takes_a_finished_run(
-    made: Made, run: Path, tmp_path: Path, labrig: Labrig, is_sound: Sound
-) -> None:
-    """It stays sound, and its checksum is the one that was printed when it ended; what is said of it is found."""
-    use_every_verb(run, tmp_path / "out", labrig)
-    assert made.document["checksum"] == hashlib.sha256((run / "SHA256SUMS").read_bytes()).hexdigest()
-    (row,) = labrig("runs", "--runs-dir", run.parent, "--where", "tag=kept", "--json").json()
-    assert (Path(row["run"]), row["tags"], row["notes"], row["verdict"]) == (run, ["kept"], 1, "good")
-    is_sound(run, "success")
-    is_sound(tmp_path / "out" / "copy", "success")
+@pytest.mark.processors
+@pytest.mark.parametrize(
+    "kept", ["insertion", "roll-zero", "steerability", "camera-calibration"], indirect=True
+)
+def test_a_decision_that_was_altered_by_hand_is_different(kept: Path, labrig: Labrig) -> None:
+    """Whatever the processor: one word of one question is not what the procedure says."""
+    lines: list[dict[str, Any]] = list(read_lines(kept / "events.jsonl"))
+    line = next(line for line in lines if line["kind"] == "operator" and line["details"])
+    key = next(iter(line["details"]))
+    line["details"] = line["details"] | {key: f"{line['details'][key]} other"}
+    (kept / "events.jsonl").write_bytes(b"".join(map(encode_line, lines)))
+    open_again(kept)
+    done = labrig("replay", kept, "--json")
+    replay = done.json()
+    assert (done.exit_code, replay["verdict"]) == (1, "different")
+    assert replay["first_difference"]["path"] == f"operator.details.{key}"
 
 
-def test_every_verb_takes_a_killed_run(made: Made, killed: Path, tmp_path: Path, labrig: Labrig) -> None:
+def test_every_verb_takes_a_killed_run(killed: Path, tmp_path: Path, labrig: Labrig) -> None:
     """It can be checked, replayed, measured, shown, exported and annotated."""
-    if made.name != "design":  # takes long to compute
-        assert labrig("replay", killed).exit_code == (2 if made.name == "import" else 0)
+    if killed.name != "design":  # takes long to compute
+        assert labrig("replay", killed).exit_code == (2 if killed.name == "import" else 0)
         assert (
             labrig("reanalyze", killed).exit_code == 0
         )  # a roll zero by too few rolls is a result that says no
     use_every_verb(killed, tmp_path / "out", labrig)
-    assert labrig("runs", "check", killed).exit_code == 0
 
 
-def test_a_run_goes_on_or_says_why_not(
-    made: Made, run: Path, killed: Path, labrig: Labrig, is_sound: Sound
-) -> None:
+@pytest.mark.parametrize("kept", sorted({*NAMES} - {"design"}), indirect=True)
+def test_a_run_goes_on_or_says_why_not(kept: Path, killed: Path, tmp_path: Path, labrig: Labrig) -> None:
     """A killed sweep or insertion is completed, others stay as they are; a finished run is only measured again."""
-    done = labrig("resume", killed, "--json")
-    if made.name in {"steerability", "insertion"}:
+    goes_on = kept.name in {"steerability", "insertion"}
+    rig = ("--rig", make_rig(kept, tmp_path / "lab")) if goes_on else ()
+    done = labrig("resume", killed, *rig, "--json")
+    if goes_on:
         assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
-        is_sound(killed, "success")
+        require_sound(labrig, killed)
     else:
         assert (done.exit_code, "nothing of it can be kept" in done.json()["error"]["message"]) == (2, True)
         assert labrig("runs", "check", killed).exit_code == 0
-    if made.name == "design":
-        return
-    results = len(list(run.glob("analysis/*")))
-    done = labrig("resume", run, "--json")
+    done = labrig("resume", kept, "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
-    assert len(list(run.glob("analysis/*"))) == results + 1
-    is_sound(run, "success")
+    assert len(list(kept.glob("analysis/*"))) == 2
+    require_sound(labrig, kept)
 
 
-def test_changed_pictures_are_named_and_not_used(
-    made: Made, run: Path, tmp_path: Path, labrig: Labrig
-) -> None:
+@pytest.mark.parametrize("kept", sorted({*NAMES} - {"design"}), indirect=True)
+def test_changed_pictures_are_named_and_not_used(kept: Path, tmp_path: Path, labrig: Labrig) -> None:
     """Whatever they show, a flipped bit ends each command that reads the pictures with 4 and a name."""
-    pictures = sorted((run / "frames").iterdir())
-    if not pictures:
-        pytest.skip("a design has no pictures")
+    pictures = sorted((kept / "frames").iterdir())
     for picture in pictures:
         flip_bit(picture)
-    copy = ("export", run, "--format", "record", "--out", tmp_path / "copy")
-    for words in (("reanalyze", run), ("view", run, "--json"), ("runs", "check", run), copy):
+    copy = ("export", kept, "--format", "record", "--out", tmp_path / "copy")
+    for words in (("reanalyze", kept), ("view", kept, "--json"), ("runs", "check", kept), copy):
         done = labrig(*words)
         named = any(picture.name in done.out + done.err for picture in pictures)
         assert (done.exit_code, named) == (4, True), words
 
 
-def test_what_a_run_found_is_adopted_or_refused(
-    made: Made, run: Path, tmp_path: Path, labrig: Labrig
-) -> None:
+def test_what_a_run_found_is_adopted_or_refused(kept: Path, tmp_path: Path, labrig: Labrig) -> None:
     """A calibration goes to the rig's files; it replaces one with --force alone; other runs have none."""
-    rig = tmp_path / "rig.yaml"
-    rig.write_text(RIG.read_text(encoding="utf-8"), encoding="utf-8")
-    adopted = labrig("calibrate", "adopt", run, "--rig", rig)
-    if made.name != "calibration":
+    rig = Path(shutil.copy(RIG, tmp_path / "rig.yaml"))
+    adopted = labrig("calibrate", "adopt", kept, "--rig", rig)
+    if kept.name != "camera-calibration":
         assert (adopted.exit_code, "holds no calibration" in adopted.err) == (4, True)
         return
     assert (adopted.exit_code, (tmp_path / "simulated-plane.json").exists()) == (0, True)
-    again = labrig("calibrate", "adopt", run, "--rig", rig)
+    again = labrig("calibrate", "adopt", kept, "--rig", rig)
     assert (again.exit_code, "replace the old one with --force" in again.err) == (2, True)
-    forced = labrig("calibrate", "adopt", run, "--rig", rig, "--force")
+    forced = labrig("calibrate", "adopt", kept, "--rig", rig, "--force")
     assert (forced.exit_code, "mm wide" in forced.out) == (0, True)

@@ -1,13 +1,21 @@
-"""What commands refuse: the line, its exit code, and words of its error or hint. No file is written or replaced."""
+"""What commands refuse: the line, its exit code, and words of its error or hint. No file is written or replaced.
+
+A row of `ROWS` is a command line in a folder of prepared files; a row of `SPOILT` is what has happened to a run, for
+every command that takes one.
+"""
 
 import json
+import os
 import shlex
 import shutil
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
+from labrig.record.json_lines import encode_manifest
+from tests.cli.conftest import RIG, ROOT, SCENARIO, SWEEP, Labrig
+from tests.record.runs import closed_run, flip_bit
 
 KEPT = ROOT / "tests" / "records" / "steerability"
 BROKEN = {
@@ -23,8 +31,8 @@ DESIGNS = {
     "clearance_mm=30": "less than or equal to 1",
     "clearance_mm=0": "greater than 0",
     "clearance_mm=0.3": "slip out of its socket",
-    "radius_mm=7": "cuts the socket's lips through",
-    "radius_mm=200": "no inclination gives",
+    "radius_mm=8.9": "cuts the socket's lips through",
+    "radius_mm=49.4": "no inclination gives",
     "tube.inner_diameter_mm=1.3": "must be below outer_diameter_mm, 1.2",
     "tube.inner_diameter_mm=0.05": "inner_diameter_mm is 0.05, must be greater than or equal to 0.1",
     "tube.link_length_mm=0.5": "at least 0.928 mm",
@@ -34,9 +42,27 @@ DESIGNS = {
     "measured.beta_cut_deg=44": "cutting inclination is 44 degrees",
     "grid_points=2": "grid_points is 2",
 }
+NEEDLE = {"radius_mm": 30, "diameter_mm": 1.2}
+ENTRIES = "must be a list of more entries"
+SCENARIOS: Mapping[str, tuple[str, object, str]] = {
+    "nan": ("clearance_mm", float("nan"), "must be a valid number"),
+    "radius": ("needle", NEEDLE | {"radius_mm": 0}, "radius_mm is 0, must be greater than 0"),
+    "half": ("needle", NEEDLE | {"radius_range_mm": [28]}, f"radius_range_mm is [28], {ENTRIES}"),
+    "range": ("needle", NEEDLE | {"radius_range_mm": [31, 33]}, "radius_range_mm is not about radius_mm, 30"),
+    "obstacle": ("obstacles", [{"position_mm": [0, 0, 50], "radius_mm": -3}], "obstacles.0.radius_mm: radius_mm is -3"),
+    "begins-in": ("obstacles", [{"position_mm": [0, 1, 1], "radius_mm": 1.42}], "start lies inside obstacle 1: 1.41"),
+    "ends-in": ("obstacles", [{"position_mm": [0, 5, 99], "radius_mm": 1.1}], "target lies inside obstacle 1: 1.00"),
+    "method": ("method", "magic", "must be 'best' or 'paper'"),
+    "key": ("clearence_mm", 1, "unknown key clearence_mm"),
+    "point": ("target", {"position_mm": [0, 100]}, f"position_mm is [0, 100], {ENTRIES}"),
+    "rotation": ("start", {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}, "upper left 3x3 of start is not a rotation"),
+}  # fmt: skip
+INTO_ITSELF = ("run", "run/tables", "empty/../run", "same", "same/frames")
 TIP = "measure tip run/frames/000003.png --px-per-mm 10 --origin-px 0 0 --insertion right --template"
 REACH = f"campaign {ROOT}/protocols/campaign-reach.yaml"
 PLANE = "calibrate plane run/frames/000003.png --origin-px 3 4 --insertion right"
+
+LENS = f"rig.calibration.intrinsics={RIG.parent}/simulated-intrinsics.json"
 
 ROWS: list[tuple[str, int, str]] = [
     # files
@@ -52,6 +78,15 @@ ROWS: list[tuple[str, int, str]] = [
     ("calibrate intrinsics a.png --board 9x6 --square-mm 25 --out taken.json", 2, "taken.json exists"),
     ("calibrate intrinsics a.png --board 999999999x999999999 --square-mm 2", 2, "from 3x3 to 99x99"),
     ("import empty --px-per-mm 5 --origin-px 0 0", 2, "empty"),
+    ("check pipe.yaml", 2, "a pipe"),
+    ("plan pipe.yaml", 2, "a pipe"),
+    ("report piped", 4, "is no run"),
+    *((f"plan scenario-{name}.json", 2, words) for name, (_, _, words) in SCENARIOS.items()),
+    (f"run {SWEEP} --rig focus/{RIG.name}", 2, "simulated-intrinsics.json was made with camera.focus 12, it is 0 now"),
+    (f"run {SWEEP} --rig focus/{RIG.name} --set {LENS}", 2, "simulated-plane.json was made with camera.focus 12"),
+    (f"run {SWEEP} --rig focus/{RIG.name} --set rig.camera.focus=7", 2, "write camera.focus: 12 in the rig file, or"),
+    (f"run {SWEEP} --rig {RIG} --set rig.calibration.mask=clamp.png", 2, "clamp.png does not exist"),
+    (f"run {SWEEP} --rig {RIG} --runs-dir . --run-name run", 2, "run exists already"),
     # options
     ("plan --figur x", 2, "see: labrig plan --help"),
     ("runs chek", 2, "see: labrig runs --help"),
@@ -78,6 +113,16 @@ ROWS: list[tuple[str, int, str]] = [
     ("export run --format record --format csv --out x", 2, "record"),
     ("export run --format x", 2, "x"),
     ("export run --format film --out x", 2, "film"),
+    ("export run --format csv --out tables", 2, "OutputExistsError"),
+    ("export run --format csv --out other --force", 2, "OutputExistsError"),
+    ("export run --format record --out other --force", 2, "OutputExistsError"),
+    *(
+        (f"export run --format {form} --out {place} --force", 2, "InputError")
+        for form in ("csv", "record")
+        for place in INTO_ITSELF
+    ),
+    ("export damaged --format record --out x", 4, "--force copies it as it is"),
+    *((f"{verb} kep", 2, "did you mean kept?") for verb in ("reanalyze", "report", "replay", "runs show")),
     ("reanalyze", 2, "--where"),
     ("reanalyze run --where tag=pilot", 2, "--where"),
     ("reanalyze --where needle=none --runs-dir .", 2, "needle"),
@@ -100,6 +145,7 @@ ROWS: list[tuple[str, int, str]] = [
     ("calibrate template run --out tip.png --tip-px 2 2 --heading-deg 0", 2, "border"),
     ("calibrate template run --out tip.png --tip-px nan 5", 2, "nan"),
     ("calibrate template run --out taken.png --frame 3", 2, "taken.json exists"),
+    ("calibrate template run/frames/000003.png --out tip.png --tip-px 150 110", 2, "--heading-deg"),
     (f"{TIP} alone.png", 2, "alone"),
     (f"{TIP} other.png", 2, "other.json"),
     (PLANE, 2, "--px-per-mm"),
@@ -113,33 +159,129 @@ ROWS: list[tuple[str, int, str]] = [
     (f"devices jog --axis linear --distance 100 --rig {RIG}", 2, "labrig devices home --axis linear"),
     (f"devices jog --axis linear --speed 50 --rig {RIG}", 2, "slower"),
     (f"devices withdraw --rig {RIG}", 2, "nothing to withdraw"),
+    ("devices withdraw --rig focus/remembering.yaml", 2, "has new gel"),
     # campaigns
     (f"{REACH} --workers 2 --cluster tcp://127.0.0.1:1 --out o", 2, "exclude each other"),
     (f"{REACH} --set rig={ROOT}/calibration/rig-bench.yaml --out o", 2, "simulated rigs only"),
     ("campaign", 2, "Missing argument 'FILE'"),
+    (f"campaign {SWEEP}", 2, "this is a protocol, expected a campaign file"),
+    (f"campaign {RIG}", 2, "this is a rig file, expected a campaign file"),
     ("campaign campaign-x", 2, "there is no campaign campaign-x"),
 ]  # fmt: skip
 
 
+DESIGN = f"check {ROOT}/protocols/design.yaml"
+ALLOWED = (
+    *(f"{DESIGN} --set {setting}" for setting in ("radius_mm=9", "radius_mm=49.3", "grid_points=3")),
+    f"check {SWEEP} --rig focus/{RIG.name} --set rig.camera.focus=12",
+)
+"""What lies just inside a limit of `ROWS`."""
+
+COMMANDS: Mapping[str, str] = {
+    "check": "runs check RUN",
+    "show": "runs show RUN",
+    "resume": "resume RUN",
+    "replay": "replay RUN",
+    "reanalyze": "reanalyze RUN",
+    "report": "report RUN",
+    "view": "view RUN",
+    "export csv": "export RUN --format csv --out TABLES",
+    "export record": "export RUN --format record --out TABLES",
+    "annotate": "runs annotate RUN --tag pilot --note cloudy",
+    "adopt": "calibrate adopt RUN",
+}
+"""Every command that takes a run."""
+
+
+def _newer(run: Path) -> None:
+    document = json.loads((run / "manifest.json").read_text(encoding="utf-8")) | {"schema_version": 99}
+    (run / "manifest.json").write_bytes(encode_manifest(document))
+
+
+def _file(run: Path) -> None:
+    shutil.rmtree(run)
+    run.write_text("no run")
+
+
+def _flip(name: str) -> Callable[[Path], object]:
+    return lambda run: flip_bit(run / name)
+
+
+def _link(name: str) -> Callable[[Path], object]:
+    """Return what moves a part of a run, or all of it, out of the folder of runs, and puts a link into its place."""
+
+    def spoil(run: Path) -> None:
+        place, elsewhere = run / name, run.parents[1] / "outside" / (Path(name).name or "run")
+        if place.exists():
+            place.rename(elsewhere)
+        else:
+            elsewhere.mkdir() if name == "analysis" else elsewhere.write_text("precious")
+        place.symlink_to(elsewhere)
+
+    return spoil
+
+
+NO_RUN = "größe 2  run"
+MEASURING = frozenset({"annotate", "reanalyze"})
+SPOILT: Mapping[str, tuple[Callable[[Path], object], str, frozenset[str]]] = {
+    "a folder": (lambda run: (run / "manifest.json").unlink(), NO_RUN, frozenset()),
+    "a file": (_file, NO_RUN, frozenset()),
+    "nothing": (shutil.rmtree, NO_RUN, frozenset()),
+    "a link": (_link(""), NO_RUN, frozenset()),
+    "newer": (_newer, NO_RUN, frozenset()),
+    "a lost picture": (lambda run: (run / "frames" / "000001.png").unlink(), "frames/000001.png", MEASURING),
+    "changed states": (_flip("states.jsonl"), "states.jsonl", MEASURING),
+    "a changed protocol": (_flip("protocol.yaml"), "protocol.yaml", MEASURING),
+    "no sums": (lambda run: (run / "SHA256SUMS").unlink(), "SHA256SUMS", MEASURING),
+    "linked states": (_link("states.jsonl"), "states.jsonl", MEASURING),
+    "a linked folder": (_link("calibration"), "calibration", MEASURING),
+    "linked results": (
+        _link("analysis"), "analysis is a symbolic link",
+        frozenset(COMMANDS) - {"reanalyze", "report", "view", "export csv", "show"},
+    ),
+}  # fmt: skip
+"""What happened to a run, what is said of it, and the commands that do not read that part."""
+
+
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a run, broken protocols, and files that a command could replace."""
+    """Return a folder with runs, broken protocols, and files that a command could replace."""
     folder = tmp_path_factory.mktemp("prepared")
     shutil.copytree(KEPT, folder / "run")
-    (folder / "empty").mkdir()
-    for name in ("text.png", "taken.json", "notes.md"):
+    (folder / "same").symlink_to("run")
+    for place in ("other", "damaged", "data/runs/kept", "data/runs/run"):
+        closed_run((folder / place).parent, Path(place).name)
+    flip_bit(folder / "damaged" / "frames" / "000001.png")
+    for name in ("empty", "tables", "piped"):
+        (folder / name).mkdir()
+    for pipe in ("pipe.yaml", "piped/manifest.json"):
+        os.mkfifo(folder / pipe)
+    for name in ("text.png", "taken.json", "notes.md", "piped/protocol.yaml"):
         (folder / name).write_text("# Notes\n\n- `a`: b: c\n", encoding="utf-8")
     for name in ("alone.png", "other.png"):
         shutil.copy(RIG.parent / "simulated-tip.png", folder / name)
     (folder / "other.json").write_text('{"kind": "labrig-plane"}', encoding="utf-8")
     for name, text in BROKEN.items():
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+    for name, (key, value, _) in SCENARIOS.items():
+        (folder / f"scenario-{name}.json").write_text(json.dumps(SCENARIO | {key: value}), encoding="utf-8")
+    shutil.copytree(RIG.parent, folder / "focus")
+    for name in ("simulated-plane.json", "simulated-intrinsics.json"):
+        made = json.loads((folder / "focus" / name).read_text(encoding="utf-8"))
+        made["provenance"]["camera"] = {"settings": {"focus": 12}}
+        (folder / "focus" / name).write_text(json.dumps(made), encoding="utf-8")
+    text = RIG.read_text(encoding="utf-8").replace("state_file: null ", "state_file: state.json ")
+    (folder / "focus" / "remembering.yaml").write_text(text, encoding="utf-8")
     return folder
 
 
-def contents(folder: Path) -> dict[Path, bytes]:
-    """Return every file of a folder."""
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name[0] != "."}
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return every file of a folder that a command may not change."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and not path.is_symlink() and path.name[0] != "."
+    }
 
 
 @pytest.mark.parametrize(
@@ -155,3 +297,65 @@ def test_what_cannot_be_done_is_refused_by_name_and_writes_nothing(
     told = json.dumps(done.json(), ensure_ascii=False)
     assert (done.exit_code, words in told, "Traceback" in done.err) == (exit_code, True, False), told
     assert contents(prepared) == before
+
+
+@pytest.mark.parametrize("line", ALLOWED)
+def test_what_is_just_inside_a_limit_is_allowed(
+    line: str, labrig: Labrig, prepared: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each stands beside a row that is refused."""
+    monkeypatch.chdir(prepared)
+    assert labrig(*shlex.split(line), "--json").exit_code == 0
+
+
+@pytest.mark.parametrize("what", SPOILT)
+def test_every_command_names_what_it_cannot_use(what: str, labrig: Labrig, tmp_path: Path) -> None:
+    """Exit code 4 and the path, whatever else succeeds; links are not followed, and nothing recorded is changed."""
+    how, named, others = SPOILT[what]
+    for command in COMMANDS.keys() - others:
+        place = tmp_path / command
+        (place / "outside").mkdir(parents=True)
+        run = closed_run(place / "runs", NO_RUN)
+        how(run)
+        before = contents(place)
+        line = (
+            COMMANDS[command]
+            .replace("RUN", shlex.quote(str(run)))
+            .replace("TABLES", str(tmp_path / "tables"))
+        )
+        done = labrig(*shlex.split(line), "--json")
+        said = done.out + done.err
+        assert (done.exit_code, named in said, "Traceback" in said) == (4, True, False), (command, said)
+        assert contents(place).items() >= before.items()
+
+
+def test_a_damaged_record_is_copied_as_it_is_when_forced(
+    labrig: Labrig, prepared: Path, tmp_path: Path
+) -> None:
+    """Byte for byte, and the exit code says so."""
+    forced = labrig(
+        "export", prepared / "damaged", "--format", "record", "--out", tmp_path / "out", "--force", "--json"
+    )
+    assert (forced.exit_code, forced.json()["ok"]) == (4, False)
+    assert contents(tmp_path / "out") == contents(prepared / "damaged")
+
+
+@pytest.mark.parametrize(("command", "name"), [("report", "report.html"), ("view", "view.rrd")])
+def test_output_replaces_a_link_and_not_its_target(
+    command: str, name: str, labrig: Labrig, tmp_path: Path
+) -> None:
+    """Page and view are written in place of a link; the file behind it is unchanged."""
+    run, target = closed_run(tmp_path), tmp_path / "target"
+    target.write_text("precious")
+    (run / name).symlink_to(target)
+    assert labrig(command, run, "--json").exit_code == 0
+    assert ((run / name).is_symlink(), target.read_text()) == (False, "precious")
+
+
+def test_a_run_is_found_by_the_name_that_the_list_shows(
+    labrig: Labrig, prepared: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run is found by its name in data/runs; a local folder of that name takes precedence."""
+    monkeypatch.chdir(prepared)
+    found = [labrig("runs", "check", name, "--json").json()[0]["run"] for name in ("kept", "run")]
+    assert found == ["data/runs/kept", "run"]

@@ -1,6 +1,6 @@
 """`labrig resume`."""
 
-import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from labrig.record.reader import open_run
 from labrig.record.writer import Recorder, opening_files
 from tests.cli.conftest import RIG, ROOT, SMALL_RIG, SWEEP, Labrig, SweepRun
 from tests.cli.cut_runs import cut_short
-from tests.record.runs import ENDED, killed_run
+from tests.record.runs import ENDED, STARTED
 
 
 def radii(document: dict[str, Any]) -> dict[int, float]:
@@ -48,18 +48,13 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
     trials = open_run(run).trials.set_index("trial")
     assert list(trials["exit_status"]) == ["success", "interrupted", "success", "success", "success"]
     assert list(trials.index) == [0, 1, 4, 2, 3]
-    assert (trials.loc[4, "repeats"], trials.loc[4, "hole"], trials.loc[4, "hole_position_mm"]) == (
-        1,
-        2,
-        20.0,
-    )
+    assert [trials[name][4] for name in ("repeats", "hole", "hole_position_mm")] == [1, 2, 20.0]
     before, after = radii(sweep.document), radii(done.json())
     assert {trial: after[trial] for trial in (0, 2, 3)} == {trial: before[trial] for trial in (0, 2, 3)}
     ours, theirs = open_run(run).frame_table, open_run(sweep.run).frame_table
     for trial in (2, 3):  # in the block that had not been touched, down to the pictures
-        assert list(ours[ours["trial"] == trial]["sha256"]) == list(
-            theirs[theirs["trial"] == trial]["sha256"]
-        )
+        digests = [list(frames[frames["trial"] == trial]["sha256"]) for frames in (ours, theirs)]
+        assert digests[0] == digests[1]
     assert [row["n"] for row in done.json()["result"]["specimens"]] == [2, 2]
     assert {name: (run / "frames" / name).read_bytes() for name in kept} == kept
     assert check_run(run).damage == ()
@@ -87,7 +82,6 @@ def test_a_run_that_failed_goes_on_without_its_fault(
     assert f"continue it: labrig resume '{tmp_path}/a run'" in failed.err
     done = labrig("resume", "--live", tmp_path / "a run", "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
-    assert "live view: open http://127.0.0.1:" in done.err
     run = open_run(tmp_path / "a run")
     assert (run.path / "view.rrd").stat().st_size > 10_000
     assert list(run.trials["exit_status"]) == ["interrupted", "success"]
@@ -114,21 +108,13 @@ def test_what_has_changed_is_refused_with_the_difference(
     cut: Path, labrig: Labrig, tmp_path: Path, what: str, words: str
 ) -> None:
     """Another rig or calibration exits with 2, names each value, and leaves the record unchanged."""
-    settings = json.loads((cut / "manifest.json").read_text())["sources"]["settings"]
-    assert settings
-    changed = tmp_path / "changed"
-    changed.mkdir()
-    for source in (ROOT / "calibration").glob("simulated-*.json"):
-        text = source.read_text(encoding="utf-8")
-        (changed / source.name).write_text(f"{text}\n" if what == "calibration" else text, encoding="utf-8")
-    rig = RIG.read_text(encoding="utf-8")
-    (changed / "rig.yaml").write_text(rig.replace("noise_sd: 3", "noise_sd: 5") if what == "rig" else rig)
+    folder = Path(shutil.copytree(RIG.parent, tmp_path / "changed"))
+    changed = folder / {"rig": RIG.name, "calibration": "simulated-tip.json"}[what]
+    text = changed.read_text(encoding="utf-8")
+    changed.write_text(text.replace("noise_sd: 3", "noise_sd: 5") if what == "rig" else f"{text}\n")
     before = {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()}
-    for template in (ROOT / "calibration").glob("simulated-*.png"):
-        (changed / template.name).write_bytes(template.read_bytes())
-    done = labrig("resume", cut, "--rig", changed / "rig.yaml")
-    assert done.exit_code == 2
-    assert words in done.err
+    done = labrig("resume", cut, "--rig", folder / RIG.name)
+    assert (done.exit_code, words in done.err) == (2, True)
     assert {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()} == before
 
 
@@ -140,26 +126,11 @@ def test_a_run_that_is_being_written_is_not_continued(cut: Path, labrig: Labrig)
     assert done.json()["error"]["type"] == "LockedError"
 
 
-def test_what_cannot_be_continued_is_named(labrig: Labrig, tmp_path: Path) -> None:
-    """A folder that is no run exits with 4; a run without trials exits with 2."""
-    assert labrig("resume", tmp_path).exit_code == 4
-    run = killed_run(tmp_path)
-    manifest = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
-    (run / "manifest.json").write_text(json.dumps(manifest | {"trials_planned": 0}), encoding="utf-8")
-    done = labrig("resume", run)
-    assert done.exit_code == 2
-    assert "nothing of it can be kept" in done.err
-
-
 def test_a_needle_of_a_run_that_cannot_be_continued_has_a_way_out(labrig: Labrig, tmp_path: Path) -> None:
     """The refusal names the command that withdraws a real needle; a simulated rig has no needle left in its gel."""
     protocol = dump_yaml(load_protocol(ROOT / "protocols" / "roll-zero.yaml", PROTOCOL_MODELS))
     for kind in ("real", "simulated"):
-        manifest = {
-            "experiment": "roll-zero",
-            "started": "2026-03-02T09:30:00+00:00",
-            "devices": {"kind": kind},
-        }
+        manifest = {"experiment": "roll-zero", "started": STARTED.isoformat(), "devices": {"kind": kind}}
         recorder = Recorder.create(tmp_path, f"{kind} rig", manifest, opening_files(protocol))
         recorder.event("trial_start", 0.0, trial=0)
         recorder.state(1.0, insertion_mm=5.0, rotation_rad=0.0, linear_mm=1.0)

@@ -19,12 +19,13 @@ def cells() -> tuple[GridPoint, ...]:
 
 
 def test_the_grid_lies_around_the_design() -> None:
-    """Of the paper's needle 0.010 to 0.040 mm and 0 to 8 degrees; less where the knuckle would slip out."""
+    """Of the paper's needle 0.010 to 0.040 mm and 0 to 8 degrees; less where no hinge can be made."""
     hinges = make_hinge_grid(PAPER_TUBE, 0.025)
     assert len(hinges) == 49
     assert (hinges[0].clearance_mm, hinges[0].beta_cut_deg) == (pytest.approx(0.010), 0.0)
     assert (hinges[-1].clearance_mm, hinges[-1].beta_cut_deg) == (pytest.approx(0.040), 8.0)
     assert make_hinge_grid(PAPER_TUBE, 0.08)[-1].clearance_mm < 0.08
+    assert make_hinge_grid(PAPER_TUBE, 0.001)[0].clearance_mm == 0.001
 
 
 def test_cells_are_in_order_with_progress(cells: tuple[GridPoint, ...]) -> None:

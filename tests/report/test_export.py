@@ -32,17 +32,15 @@ def tables(run: Run) -> dict[str, pd.DataFrame]:
     return run_tables(run, run.result)
 
 
-def test_every_table_has_units_in_its_names(tables: dict[str, pd.DataFrame]) -> None:
-    """States, truth and measurements say in what they are; a point has a column a coordinate."""
-    of_the_record = {"run", "notes", "states", "events", "trials", "frames", "truth"}
-    assert of_the_record | {"result", "measurements", "specimens"} <= set(tables)
-    assert {"t_s", "insertion_mm", "rotation_rad", "linear_mm"} <= set(tables["states"].columns)
-    assert {"tip_y_mm", "tip_z_mm", "tip_u_px", "radius_ci95_low_mm"} <= set(tables["measurements"].columns)
-    assert {"ci95_low_mm", "ci95_high_mm", "mean_radius_mm"} <= set(tables["specimens"].columns)
-
-
-def test_positions_of_events_have_the_unit_of_their_axis(run: Run) -> None:
-    """A position of the rotation is in rad, of the others in mm."""
+def test_every_table_has_units_in_its_names(run: Run, tables: dict[str, pd.DataFrame]) -> None:
+    """A point has a column a coordinate; a position of the rotation is in rad, of the others in mm."""
+    assert {"run", "notes", "states", "events", "trials", "frames", "truth", "result"} <= set(tables)
+    for name, columns in {
+        "states": {"t_s", "insertion_mm", "rotation_rad", "linear_mm"},
+        "measurements": {"tip_y_mm", "tip_z_mm", "tip_u_px", "radius_ci95_low_mm"},
+        "specimens": {"ci95_low_mm", "ci95_high_mm", "mean_radius_mm"},
+    }.items():
+        assert columns <= set(tables[name].columns)
     moves = run.events[run.events["kind"] == "move"]
     assert not {"position", "speed", "asked_position", "asked_speed"} & set(moves.columns)
     turned = moves["axis"] == "rotation"
@@ -55,10 +53,8 @@ def test_csv_and_parquet_read_back_the_same(
 ) -> None:
     """pandas reads the numbers that were written, to the last digit; whole numbers stay whole in Parquet."""
     write_tables(run, ["csv", "parquet"], tmp_path)
-    for read in (
-        pd.read_csv(tmp_path / "measurements.csv"),
-        pd.read_parquet(tmp_path / "measurements.parquet"),
-    ):
+    file = tmp_path / "measurements"
+    for read in (pd.read_csv(f"{file}.csv"), pd.read_parquet(f"{file}.parquet")):
         np.testing.assert_array_equal(read["radius_mm"], tables["measurements"]["radius_mm"])
         assert list(read.columns) == list(tables["measurements"].columns)
     assert pd.api.types.is_integer_dtype(pd.read_parquet(tmp_path / "frames.parquet")["frame"])
@@ -87,10 +83,8 @@ def test_the_matlab_example_runs(experiment: str, tables: dict[str, pd.DataFrame
         (tmp_path / f"{name}.m").write_text(f"function {name}(varargin)\nend\n")
     command = f"warning('off', 'all'); addpath('{tmp_path}'); source('{DATA / 'read_run.m'}')"
     words = ["octave-cli", "--quiet", "--no-init-file", "--eval", command]
-    output = subprocess.run(
-        words, capture_output=True, text=True, check=True, cwd=tmp_path, timeout=120
-    ).stdout
-    assert [line for line in expected if line not in output] == []
+    done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=tmp_path, timeout=120)
+    assert [line for line in expected if line not in done.stdout] == []
 
 
 def _insertion_tables() -> dict[str, pd.DataFrame]:
@@ -136,9 +130,7 @@ def test_equal_runs_give_equal_files(measured: bool, run: Run, tmp_path: Path) -
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         write_tables(source, WRITERS, tmp_path / name)
-    first, second = (
-        {file.name: file.read_bytes() for file in (tmp_path / name).iterdir()} for name in ("a", "b")
-    )
+    first, second = ({file.name: file.read_bytes() for file in (tmp_path / name).iterdir()} for name in "ab")
     assert first == second
     assert {"run.csv", "states.parquet", "run.mat", "manifest.json"} <= set(first)
 

@@ -1,14 +1,25 @@
-"""Line figures: the same bytes each time, no name space, nothing global left behind."""
+"""Figures and films: what is drawn where, the same bytes each time, nothing global left behind."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from numpy.typing import NDArray
 
+from labrig.experiments.insertion.scenario import load_scenario, make_problem
 from labrig.report.figures import Design, GelSeries, draw_lens, draw_steerability_figure, write_figure
+from labrig.report.film import draw_film_picture
+from labrig.report.film_pictures import FilmPicture, Stroke
 from labrig.report.palette import mark
+from labrig.report.plan_figure import _draw_view
+from labrig.steering.planner import plan_path
+from tests.cli.conftest import SCENARIO
 
 DESIGN = Design(30.0, 40.0, -1)
 
@@ -32,6 +43,39 @@ def test_a_figure_is_an_element_of_its_own() -> None:
     assert dict(mpl.rcParams) == before
 
 
+def list_points(line: Line2D) -> NDArray[np.float64]:
+    """Return the points (N, 2) of a drawn line."""
+    return np.column_stack((np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)))
+
+
+def test_paths_and_radii_are_drawn_where_they_were_measured() -> None:
+    """Depth to the right and sideways upwards; in the gel's column each radius, its mean and the mean of the drawn."""
+    series = _series()
+    paths, radii = draw_steerability_figure(series, DESIGN, "one").figure.axes
+    measured, design = (list_points(paths.lines[place]) for place in (0, len(series) + 1))
+    assert np.array_equal(measured, series[0].paths_mm[0][:, ::-1])
+    assert np.hypot(design[:, 0], design[:, 1] + 30.0) == pytest.approx(30.0)
+    bars = (np.asarray(path.vertices, float) for bars in radii.collections for path in bars.get_paths())
+    points = np.vstack((*map(list_points, radii.lines[1:]), *bars))
+    drawn = {(round(float(x)), round(float(y), 2)) for x, y in points if np.isfinite((x, y)).all()}
+    assert {(0, 28.1), (0, 28.3), (0, 28.2), (0, 28.25), (0, 28.34)} <= drawn
+
+
+@pytest.mark.parametrize("across", [0, 1])
+def test_a_plan_is_drawn_where_it_lies(across: int, tmp_path: Path) -> None:
+    """Depth to the right and x or y upwards: obstacles, target, start and path, which ends at the target."""
+    (tmp_path / "s.json").write_text(json.dumps(SCENARIO | {"planar": False}), encoding="utf-8")
+    problem = make_problem(load_scenario(tmp_path / "s.json"))
+    axes = Figure().subplots()
+    _draw_view(axes, problem, plan_path(problem), across)
+    centres = [tuple(patch.center) for patch in axes.patches if isinstance(patch, Circle)]
+    places = [(at[2], at[across]) for at in ([0, -2, 35], [0, 6, 68], [0, 5, 100])]
+    assert centres == [place for place, times in zip(places, (2, 2, 1), strict=True) for _ in range(times)]
+    lines = {str(line.get_label()): list_points(line) for line in axes.lines}
+    assert [lines[name][0].tolist() for name in ("path", "start")] == [[0.0, 0.0]] * 2
+    assert np.hypot(*(lines["path"][-1] - places[-1])) <= 2.0
+
+
 def test_the_interval_of_two_insertions_does_not_squeeze_the_radii() -> None:
     """It leaves what is drawn; design, radii, means and standard deviations stay in it."""
     wide = replace(_series()[0], ci95_mm=(10.0, 46.0))
@@ -46,16 +90,15 @@ def test_gels_differ_in_colour_and_in_marker() -> None:
     assert len({(mark(index).colour, mark(index).marker) for index in range(30)}) == 30
 
 
-@pytest.mark.parametrize("form", ["svg", "pdf"])
-def test_a_figure_becomes_a_file_for_a_paper(form: str, tmp_path: Path) -> None:
+def test_a_figure_becomes_files_for_a_paper(tmp_path: Path) -> None:
     """The same bytes each time, so that no file changes when nothing has."""
     written = []
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         write_figure(tmp_path / name, draw_steerability_figure(_series(), DESIGN, "one"))
-        written.append((tmp_path / name / f"one.{form}").read_bytes())
+        written.append([(tmp_path / name / f"one.{form}").read_bytes() for form in ("svg", "pdf")])
     assert written[0] == written[1]
-    assert written[0].startswith({"svg": b"<?xml", "pdf": b"%PDF"}[form])
+    assert (written[0][0][:5], written[0][1][:4]) == (b"<?xml", b"%PDF")
 
 
 def test_residuals_of_a_lens_are_drawn_larger_from_their_corners() -> None:
@@ -67,3 +110,22 @@ def test_residuals_of_a_lens_are_drawn_larger_from_their_corners() -> None:
     assert "128 times enlarged" in seen.get_title(loc="left")
     assert [np.asarray(line.get_xdata())[-1] for line in seen.lines[1:]] == pytest.approx([22.8, 30.0])
     assert len(plain.lines) == 1
+
+
+_GREY = np.full((600, 1920), 90, dtype=np.uint8)
+_LEVEL = Stroke(np.array([(192.0, 300.0), (1728.0, 300.0)]), (255, 0, 0), 3, "plan")
+
+
+def test_a_line_lies_where_it_was_measured_in_the_reduced_picture() -> None:
+    """Colours are told as red, green, blue; under the picture stands the caption, and behind it what each line is."""
+    drawn = draw_film_picture(_GREY, FilmPicture(0, (_LEVEL,), "12.5 mm"))
+    assert drawn.shape == (340, 960, 3)
+    red = (drawn[:300, :, 2] > 150) & (drawn[:300, :, 0] < 90)
+    rows, columns = np.nonzero(red)
+    assert abs(rows.mean() - 150) < 0.5
+    assert abs(int(columns.min()) - 96) <= 2
+    assert abs(int(columns.max()) - 864) <= 2
+    strip = drawn[300:].astype(int)
+    is_key = strip[..., 2] - strip[..., 0] > 100
+    caption, key = np.nonzero(strip.min(axis=2) > 150)[1], np.nonzero(is_key)[1]
+    assert 0 < caption.max() < key.min()

@@ -63,35 +63,22 @@ def _words(html: str) -> str:
     return re.sub(r"\s+", " ", _read(html).text)
 
 
-def test_the_page_is_well_formed(page: WrittenPage) -> None:
-    """Every element that is opened is closed, in order, and no identifier occurs twice."""
+def test_the_page_is_well_formed_and_reached_by_the_keyboard(page: WrittenPage) -> None:
+    """Elements are closed in order, names are unique, what scrolls sideways takes the focus, headers have words."""
     elements = _read(page.html)
     assert elements.open == []
     identifiers = [attributes["id"] for _, attributes in elements.elements if "id" in attributes]
     assert len(identifiers) == len(set(identifiers))
-
-
-def test_what_scrolls_sideways_is_reached_by_the_keyboard(page: WrittenPage) -> None:
-    """Every wide table and figure takes the focus, and no header cell of a table is empty."""
-    wide = [
-        attributes
-        for _, attributes in _read(page.html).elements
-        if {"scroll", "plot"} & set((attributes.get("class") or "").split())
-    ]
-    assert wide
-    assert {attributes.get("tabindex") for attributes in wide} == {"0"}
+    classes = [(set((of.get("class") or "").split()), of.get("tabindex")) for _, of in elements.elements]
+    assert {tabindex for names, tabindex in classes if names & {"scroll", "plot"}} == {"0"}
     assert re.search(r"<th[^>]*></th>", page.html) is None
 
 
 def test_nothing_is_fetched_from_anywhere(page: WrittenPage) -> None:
     """The page has no network address and no script, and contains its pictures."""
     elements = _read(page.html).elements
-    links = [
-        value or ""
-        for _, attributes in elements
-        for name, value in attributes.items()
-        if name in {"src", "href", "xlink:href"}
-    ]
+    named = (pair for _, attributes in elements for pair in attributes.items())
+    links = [value or "" for name, value in named if name in {"src", "href", "xlink:href"}]
     assert links
     assert [link for link in links if not link.startswith(("data:", "#", "analysis/"))] == []
     assert not {tag for tag, _ in elements} & {"script", "link", "iframe", "object"}
@@ -213,30 +200,8 @@ def test_a_run_that_did_not_end_has_a_page_that_says_so(
     assert ("in tissue" in head) == ("in tissue" in pattern)
 
 
-def test_a_run_without_a_result_has_a_page(tmp_path: Path) -> None:
-    """Before any analysis the page states that nothing has been measured, and the command that measures."""
-    run = record_sweep(tmp_path)
-    made = make_page(run, analysed=False)
-    assert f"<code>labrig reanalyze {run.path}</code>" in made.html
-    assert "`" not in _words(made.html)
-    assert _read(made.html).open == []
-
-
-def test_a_picture_that_is_gone_leaves_a_gap_and_a_problem(tmp_path: Path) -> None:
-    """A final picture that cannot be read is shown as such, with its refusal; the record is not whole."""
-    run = record_sweep(tmp_path)
-    final = run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
-    (run.path / final).unlink()
-    made = make_page(run)
-    assert "picture cannot be read" in made.html
-    words = _words(made.html)
-    assert "The record is not whole" in words
-    assert f"{final}: it is missing, though SHA256SUMS lists it" in words
-    assert "No such file" in words
-
-
-def test_damage_at_the_time_of_the_measurement_is_shown(tmp_path: Path) -> None:
-    """A picture that was changed when it was measured is named at the top, though the record is whole again."""
+def test_a_picture_that_is_gone_or_was_changed_is_named(tmp_path: Path) -> None:
+    """One that is gone leaves a gap with its refusal; one that was whole again since it was measured is told too."""
     run = record_sweep(tmp_path)
     file = run.path / run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
     content = file.read_bytes()
@@ -248,12 +213,22 @@ def test_damage_at_the_time_of_the_measurement_is_shown(tmp_path: Path) -> None:
     )
     assert "The record was damaged when this was measured." in head
     assert f"frames/{file.name}: it does not fit" in head
+    file.unlink()
+    made = make_page(run)
+    words = _words(made.html)
+    assert "picture cannot be read" in made.html
+    assert "The record is not whole" in words
+    assert f"frames/{file.name}: it is missing, though SHA256SUMS lists it" in words
+    assert "No such file" in words
 
 
 def test_a_real_rig_has_no_columns_of_truth(tmp_path: Path) -> None:
-    """Without a truth the page says nothing of a simulation."""
-    made = make_page(record_sweep(tmp_path, SyntheticSweep(truth=False)))
-    assert "simulat" not in _words(made.html).lower()
+    """Without a truth the page says nothing of a simulation; before any analysis, how to measure."""
+    run = record_sweep(tmp_path, SyntheticSweep(truth=False))
+    made = make_page(run, analysed=False)
+    assert f"<code>labrig reanalyze {run.path}</code>" in made.html
+    assert ("`" in _words(made.html), _read(made.html).open) == (False, [])
+    assert "simulat" not in _words(make_page(run).html).lower()
 
 
 def test_imported_pictures_have_a_page_of_their_own(tmp_path: Path) -> None:

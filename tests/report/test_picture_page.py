@@ -31,7 +31,7 @@ def page() -> Iterator[PicturePage]:
 
 def _request(page: PicturePage, name: str, **headers: str) -> tuple[HTTPResponse, bytes]:
     """Ask for a name below the page's address, or for a path that begins with a slash."""
-    with closing(HTTPConnection("127.0.0.1", page.port, timeout=10)) as browser:
+    with closing(HTTPConnection("127.0.0.1", page.port, timeout=300)) as browser:
         browser.request("GET", name if name[:1] == "/" else urlsplit(page.url).path + name, headers=headers)
         reply = browser.getresponse()
         return reply, reply.read()

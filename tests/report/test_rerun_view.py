@@ -2,7 +2,6 @@
 
 import shutil
 import socket
-import sys
 from collections.abc import Iterator
 from contextlib import closing
 from http.client import HTTPConnection
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import CentreLines, load_centre_lines
+from labrig.analysis.result import load_centre_lines
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.states import describe_statusword
 from labrig.errors import MachineError, RecordError
@@ -33,19 +32,12 @@ _LISTEN = "0A"
 _LOCALHOST = "0100007F"
 
 
-def _lines(page: WrittenPage) -> CentreLines:
-    """Return the shafts that were found."""
-    assert page.result is not None
-    return load_centre_lines(page.result.path)
-
-
-def test_the_view_is_made_with_and_without_a_result(page: WrittenPage, tmp_path: Path) -> None:
+def test_the_view_is_made_with_and_without_a_result(page: WrittenPage) -> None:
     """A view holds the pictures either way, is replaced when made again, and leaves nothing half-written."""
-    with_lines = write_view(page.run, _lines(page), NO_VIEW, describe_statusword)
-    assert with_lines == page.run.path / "view.rrd"
-    assert with_lines.stat().st_size > 50_000
-    assert write_view(page.run, _lines(page), NO_VIEW, describe_statusword) == with_lines
-    assert write_view(record_sweep(tmp_path), {}, NO_VIEW, describe_statusword).stat().st_size > 50_000
+    assert page.result is not None
+    for lines in ({}, load_centre_lines(page.result.path)):
+        file = write_view(page.run, lines, NO_VIEW, describe_statusword)
+        assert (file, file.stat().st_size > 50_000) == (page.run.path / "view.rrd", True)
     assert list(page.run.path.glob(".view*")) == []
 
 
@@ -116,30 +108,28 @@ def test_a_run_is_shown_to_its_end(viewer: RunningViewer) -> None:
         viewer.process.wait()
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_a_viewer_listens_on_this_computer_alone_and_sends_no_usage_data(viewer: RunningViewer) -> None:
-    """Every socket on which it listens is bound to 127.0.0.1, and it is told to send nothing."""
-    process = Path("/proc") / str(viewer.process.pid)
-    sockets = {link.readlink().name for link in (process / "fd").iterdir()}
-    rows = [
-        line.split() for name in ("tcp", "tcp6") for line in (process / "net" / name).read_text().splitlines()
-    ]
-    listening = [row[1] for row in rows if row[3] == _LISTEN and f"socket:[{row[9]}]" in sockets]
-    assert listening != []
-    assert {address.split(":")[0] for address in listening} == {_LOCALHOST}
-    environment = (process / "environ").read_bytes().split(b"\0")
-    assert b"CI=1" in environment
-
-
-def test_the_page_for_a_browser_reaches_nothing_else(viewer: RunningViewer) -> None:
-    """Its policy lets the browser talk to this computer alone, so neither fonts nor usage data go out."""
-    with closing(HTTPConnection(LOCALHOST, viewer.web_port, timeout=10)) as browser:
-        browser.request("GET", "/")
-        page = browser.getresponse()
-        policy, content = page.getheader("Content-Security-Policy"), page.read()
+def test_a_viewer_serves_this_computer_alone_and_sends_no_usage_data(viewer: RunningViewer) -> None:
+    """Its page lets a browser talk to 127.0.0.1 alone; every socket on which it listens is bound to that."""
+    status, tries = 502, 0
+    while status == 502 and (tries := tries + 1) < 20:  # as a viewer on a busy machine answers late
+        with closing(HTTPConnection(LOCALHOST, viewer.web_port, timeout=300)) as browser:
+            browser.request("GET", "/")
+            page = browser.getresponse()
+            status, policy, content = (
+                page.status,
+                page.getheader("Content-Security-Policy") or "",
+                page.read(),
+            )
     assert b"<canvas" in content or b"re_viewer" in content
     assert f"connect-src 'self' data: blob: http://{LOCALHOST}:{viewer.port}" in policy
     assert "*" not in policy
+    process = Path("/proc") / str(viewer.process.pid)
+    sockets = {link.readlink().name for link in (process / "fd").iterdir()}
+    tables = ((process / "net" / name).read_text() for name in ("tcp", "tcp6"))
+    rows = [line.split() for table in tables for line in table.splitlines()]
+    listening = [row[1] for row in rows if row[3] == _LISTEN and f"socket:[{row[9]}]" in sockets]
+    assert {address.split(":")[0] for address in listening} == {_LOCALHOST}
+    assert b"CI=1" in (process / "environ").read_bytes().split(b"\0")
 
 
 def test_a_port_in_use_is_left_to_its_user() -> None:

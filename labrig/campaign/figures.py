@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 from labrig.analysis.statistics import compute_spread
 from labrig.campaign.result import CampaignResult
 from labrig.campaign.statistics import ArmResult, read_values
-from labrig.report.figures import SETTINGS, DrawnFigure, svg
+from labrig.report.figures import SETTINGS, DrawnFigure, Interval, choose_limits, draw_interval, svg
 from labrig.report.formatting import label_quantity, name_settings, tell_value
 from labrig.report.palette import Mark, mark
 
@@ -37,6 +37,11 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 1.1 + 0.42 * len(result.arms)), layout="constrained")
         axes = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
+        known = read_values(table, result.measure)
+        intervals = [arm.ci95 for arm in result.arms]
+        axes[0].set_xlim(choose_limits(known[~np.isnan(known)].tolist(), intervals))
+        if result.tolerance is not None:
+            axes[1].set_xlim(-2, 102)
         for place, arm in enumerate(result.arms):
             values = read_values(table[table["arm"] == arm.name], result.measure)
             _draw_arm(axes, place, arm, values.tolist())
@@ -44,8 +49,8 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         axes[0].set_ylim(len(result.arms) - 0.5, -0.5)
         axes[0].set_xlabel(label_quantity(result.measure))
         if result.tolerance is not None:
-            axes[1].set_xlabel(f"share within {tell_value(result.tolerance, result.measure)}")
-            axes[1].set_xlim(-0.02, 1.02)
+            axes[0].axvline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
+            axes[1].set_xlabel(f"share within {tell_value(result.tolerance, result.measure)} (%)")
         for panel in axes:
             panel.grid(visible=True, axis="x")
         return svg(figure, "arms")
@@ -53,21 +58,20 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
 
 def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult, values: Sequence[float]) -> None:
     look, below, many = mark(place), [place + _APART] * len(values), len(values) > _MOST_VECTORS
-    axes[0].plot(values, below, ".", color=look.colour, markersize=3, alpha=0.35, rasterized=many)
+    axes[0].plot(values, below, ".", color=look.colour, markersize=5, alpha=0.5, rasterized=many)
     if arm.mean is not None and arm.median is not None:
         above = place - _APART
         axes[0].plot(arm.median, above, look.marker, color=look.colour, markersize=6, fillstyle="none")
         _draw_interval(axes[0], place, look, arm.mean, arm.ci95)
     if len(axes) > 1 and arm.share is not None:
-        _draw_interval(axes[1], place, look, arm.share, arm.share_ci95)
+        share_ci95 = arm.share_ci95 and (100 * arm.share_ci95[0], 100 * arm.share_ci95[1])
+        _draw_interval(axes[1], place, look, 100 * arm.share, share_ci95)
 
 
-def _draw_interval(
-    axes: Axes, place: int, look: Mark, value: float, limits: tuple[float, float] | None
-) -> None:
-    axes.plot(value, place, look.marker, color=look.colour, markersize=7)
+def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Interval | None) -> None:
     if limits is not None:
-        axes.plot(limits, [place] * 2, "-", color=look.colour, linewidth=2, marker="|", markersize=8)
+        draw_interval(axes, limits, place, look.colour)
+    axes.plot(value, place, look.marker, color=look.colour, markersize=7)
 
 
 def draw_over_points(result: CampaignResult, table: pd.DataFrame, keys: Sequence[str]) -> DrawnFigure | None:

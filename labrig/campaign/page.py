@@ -93,5 +93,5 @@ def _make_filters(result: CampaignResult) -> Mapping[str, object]:
         "with_unit": lambda value: tell_value(value, result.measure),
         "words": name_settings,
         "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
-        "points": lambda value: "–" if value is None else f"{100 * value:+.1f}",
+        "points": lambda value: "–" if value is None else signed(100 * value, 1),
     }

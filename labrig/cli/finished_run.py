@@ -5,7 +5,7 @@ import shlex
 from labrig.analysis.result import Summary, TextTable
 from labrig.cli.output import failure_document, print_json, print_line, print_table, say, say_failure
 from labrig.devices.needle_location import NeedleLocation
-from labrig.record.layout import read_checksum
+from labrig.record.layout import FRAME_LINES, read_checksum
 from labrig.runner.experiment import Experiment
 from labrig.runner.whole_run import FinishedRun
 
@@ -21,7 +21,9 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
         if needle is not None and needle.way_out:
             say(f"then: {needle.way_out}")
         if result is None:
-            _say_what_is_left(finished, measurable=experiment is not None)
+            frames = finished.path / FRAME_LINES
+            has_pictures = frames.is_file() and frames.stat().st_size > 0
+            _say_what_is_left(finished, measurable=experiment is not None and has_pictures)
     print_json({
         "run": str(finished.path),
         "exit_status": finished.outcome.exit_status,

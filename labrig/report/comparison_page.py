@@ -14,7 +14,14 @@ from labrig.analysis.comparison import ComparedRuns, Comparison, Group
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.tables import encode_csv
-from labrig.report.figures import SETTINGS, DrawnFigure, svg, write_figure
+from labrig.report.figures import (
+    SETTINGS,
+    DrawnFigure,
+    choose_limits,
+    draw_interval,
+    svg,
+    write_figure,
+)
 from labrig.report.formatting import count_decimals, label_quantity, number, signed, split_quantity
 from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
 from labrig.report.palette import mark
@@ -67,6 +74,8 @@ def draw_groups(comparison: Comparison, table: pd.DataFrame) -> DrawnFigure:
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 1.1 + 0.52 * len(groups)), layout="constrained")
         axes = figure.subplots()
+        intervals = [ends for group in groups for ends in (group.ci95, group.ci95_with_shared)]
+        axes.set_xlim(choose_limits(table["value"].dropna().tolist(), intervals))
         for place, group in enumerate(groups):
             rows = table[(table["group"] == group.name) & table["value"].notna()]
             blocks = (
@@ -87,16 +96,15 @@ def _draw_group(
     """Draw measurements as dots, the means of blocks as rings, and the mean of the group with both intervals."""
     look = mark(place)
     # Spread in a fixed pattern, so that equal values do not cover each other.
-    up = place - 0.2 + 0.035 * (np.arange(len(values)) % 5 - 2)
+    up = place - 0.25 + 0.035 * (np.arange(len(values)) % 5 - 2)
     dots = axes.plot(
         values, up, look.marker, color=look.colour, markersize=3.6, alpha=0.55, markeredgewidth=0
     )
     dots[0].set_rasterized(len(values) > _MOST_VECTORS)
-    rings = np.full(len(blocks), place - 0.02)
+    rings = np.full(len(blocks), place - 0.12)
     axes.plot(blocks, rings, "o", color=look.colour, markersize=6, fillstyle="none")
     if group.mean is not None:
         for ends, width in ((group.ci95_with_shared, 1.0), (group.ci95, 2.4)):
-            axes.plot(
-                ends or (), [place + 0.2] * len(ends or ()), "|-", color=look.colour, lw=width, markersize=8
-            )
-        axes.plot(group.mean, place + 0.2, look.marker, color=look.colour, markersize=7)
+            if ends is not None:
+                draw_interval(axes, ends, place, look.colour, width=width)
+        axes.plot(group.mean, place, look.marker, color=look.colour, markersize=7)

@@ -125,6 +125,41 @@ class Design:
     side: int
 
 
+Interval = tuple[float, float]
+
+
+def choose_limits(values: Sequence[float], intervals: Sequence[Interval | None]) -> Interval | None:
+    """Return the limits of an axis of values and intervals; None without two different values.
+
+    An interval of two or three values may be ten times as wide as these: it may be as wide again as all values on
+    either side, and is cut there, or it would squeeze all else to a point.
+    """
+    low, high = min(values, default=0.0), max(values, default=0.0)
+    if low == high:
+        return None
+    span = high - low
+    ends = [end for interval in intervals for end in interval or ()]
+    low, high = max(min(low, *ends, high), low - span), min(max(high, *ends, low), high + span)
+    room = 0.04 * (high - low)
+    return low - room, high + room
+
+
+def draw_interval(axes: Axes, ends: Interval, place: float, colour: str, *, width: float = 2.0) -> None:
+    """Draw a horizontal interval with caps, and with an arrow where it goes on beyond the limits of the axis."""
+    limits = axes.get_xlim()
+    shown = np.clip(ends, *limits)
+    axes.plot(shown, [place] * 2, "-", color=colour, linewidth=width)
+    for end, at, arrow in zip(ends, shown, ("<", ">"), strict=True):
+        axes.plot(
+            at,
+            place,
+            "|" if end == at else arrow,
+            color=colour,
+            markersize=8 if end == at else 5,
+            clip_on=False,
+        )
+
+
 def draw_steerability_figure(series: Sequence[GelSeries], design: Design, name: str) -> DrawnFigure:
     """Draw figure 8 of the paper: all paths from one sheath tip, and the radii of each gel."""
     with mpl.rc_context(SETTINGS):
@@ -183,6 +218,11 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
             axes.errorbar(
                 place + 0.03, gel.mean_mm, error_mm, fmt=gel.mark.marker, color=gel.mark.colour, **_MEAN
             )
+            for end_mm, edge_mm, arrow in zip(gel.ci95_mm or (), axes.get_ylim(), "v^", strict=False):
+                if abs(end_mm - gel.mean_mm) > abs(edge_mm - gel.mean_mm):
+                    axes.plot(
+                        place + 0.03, edge_mm, arrow, color=gel.mark.colour, markersize=5, clip_on=False
+                    )
     _explain_marks(axes, series)
     axes.set_xticks(range(len(series)), [gel.label for gel in series])
     axes.set(

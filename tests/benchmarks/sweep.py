@@ -1,21 +1,37 @@
-"""The sweep of 72 insertions: time, memory, accuracy against the drawn truth, and identity of a second sweep."""
+"""The sweep of 72 insertions: time, memory, accuracy against the drawn truth, and identity of a second sweep.
+
+With `LABRIG_BENCHMARK_BASELINE=CHECKOUT`, another checkout with a `.venv` of its own, it prints instead what a sweep of
+24 insertions costs here and there, in turns: processor time of the whole command and its children.
+"""
 
 import hashlib
 import json
 import math
+import os
+import statistics
+import subprocess
 import sys
 import tempfile
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+from tests.benchmarks.start_up import children_s
 from tests.benchmarks.table import FinishedCommand, measure, print_rows
 
 ROOT = Path(__file__).parents[2]
+_BASELINE = "LABRIG_BENCHMARK_BASELINE"
+_TURNS = 5
 
 
 def print_table() -> None:
-    """Run the sweep twice, and print the figures of the first and whether the second has the same bytes."""
+    """Run the sweep twice, and print the figures of the first and whether the second has the same bytes.
+
+    If a baseline is named, print the cost against it instead.
+    """
+    if _BASELINE in os.environ:
+        _print_cost_against(Path(os.environ[_BASELINE]))
+        return
     with tempfile.TemporaryDirectory() as folder:
         runs = [_sweep(Path(folder) / str(number)) for number in (1, 2)]
         measured, document = runs[0]
@@ -28,6 +44,31 @@ def print_table() -> None:
         print_rows(("gel", "n", "mean mm", "drawn mean mm", "difference mm", "limit"), _means(document))
         same = _digest(Path(document["run"])) == _digest(Path(runs[1][1]["run"]))
         print(f"second sweep, same seed: frames, states and events {'identical' if same else 'DIFFER'}")
+
+
+def _print_cost_against(baseline: Path) -> None:
+    """Print the processor time of a short sweep here and in another checkout, measured in turns."""
+    pythons = {ROOT: Path(sys.executable), baseline: baseline / ".venv" / "bin" / "python"}
+    for root, python in pythons.items():
+        subprocess.run([python, "-m", "compileall", "-q", "labrig"], cwd=root, check=True)
+    turns = [{root: _measure_cpu_s(root, python) for root, python in pythons.items()} for _ in range(_TURNS)]
+    here, there = ([turn[root] for turn in turns] for root in (ROOT, baseline))
+    rows = [
+        [name, f"{of(here):.2f}", f"{of(there):.2f}", f"{of(here) / of(there):.3f}"]
+        for name, of in (("least", min), ("median", statistics.median))
+    ]
+    print_rows((f"cpu of {_TURNS} sweeps, s", "here", "baseline", "ratio"), rows)
+
+
+def _measure_cpu_s(root: Path, python: Path) -> float:
+    """Return the processor time of a sweep of 24 insertions by the labrig of a checkout [s]."""
+    before_s = children_s()
+    with tempfile.TemporaryDirectory() as runs_dir:
+        command = [str(python), "-m", "labrig", "run", "protocols/steerability.yaml", "--runs-dir", runs_dir]
+        subprocess.run(
+            [*command, "--set", "insertions_per_specimen=6"], cwd=root, capture_output=True, check=True
+        )
+    return children_s() - before_s
 
 
 def _sweep(runs_dir: Path) -> tuple[FinishedCommand, dict[str, Any]]:

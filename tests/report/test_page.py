@@ -106,11 +106,11 @@ def test_what_people_wrote_is_text(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("begin", "pattern"),
     [
-        ("complete", r"3 of 4 insertions measured\. .* the paper reports 27\.6 mm, .* The rig is simulated"),
+        ("complete", r"3 of 4 insertions measured\. .* over the same is 27\.\d\d mm, .* The rig is simulated"),
         ("by needle and gel", r"10 % gel A N1 2 28\.3\d 0\.4\d\d 2\d\.\d\d to 3\d\.\d\d 0 28\.34 0\.247 28\.30"),
         ("by needle and gel", r"19 % gel B N1 1 2[67]\.\d\d – – 1 27\.13 0\.473 27\.20"),
         ("by needle and gel", r"Mean of the means 27\.6\d 27\.6 "),
-        ("Every final picture", r" z y 5 mm .*trial 0, hole 0"),
+        ("Every final picture", r" z y 5 mm .*trial 1, hole 1"),
         ("Refused pictures", r"10 3 Of 1\d\.\d mm of needle"),
         ("How sure", r"surface the gel's surface, and glass before it not in the interval not in the interval"),
         ("How sure", r"fit scatter of the edges; the reading of an end 0\.0\d+ 0\.\d+"),
@@ -180,7 +180,7 @@ STOPPED = SyntheticSweep(exit_status="aborted", without_final=frozenset({3}))
         (SyntheticSweep(exit_status="failed"), "failed", r"The run failed: the operator said no\."),
         (
             replace(STOPPED, exit_status=None), "incomplete",
-            r"The run was never closed: .* in tissue: the run stopped within trial 4\. .*labrig resume",
+            r"The run was never closed: .* in tissue: the run stopped within trial 5\. .*labrig resume",
         ),
         (
             STOPPED, "aborted",

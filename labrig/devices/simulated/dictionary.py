@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from canopen.objectdictionary import ODVariable
-from canopen.sdo.exceptions import SdoAbortedError
 
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import count_bytes, find_bounds, find_default, read_own_eds
@@ -44,6 +43,14 @@ _CHOICES = {
 
 _PROCESS_DATA = frozenset({co.CONTROLWORD, co.MODE, co.TARGET_POSITION, co.ERROR_COUNT})
 """Written all the time, so no part of the configuration that a fingerprint vouches for."""
+
+
+class SdoAbortError(Exception):
+    """A transfer that the server refuses, with its abort code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"0x{code:08X}")
+        self.code = code
 
 
 class ObjectDictionary:
@@ -115,7 +122,7 @@ class ObjectDictionary:
         command, *place = _HEAD.unpack_from(request)
         try:
             data = self._carry_out(command, Place(*place), request[4:])
-        except SdoAbortedError as refusal:
+        except SdoAbortError as refusal:
             return _HEAD.pack(0x80, *place) + struct.pack("<I", refusal.code)
         answer = 0x60 if data is None else 0x43 | (4 - len(data)) << 2
         return _HEAD.pack(answer, *place) + (data or b"").ljust(4, b"\0")
@@ -125,24 +132,24 @@ class ObjectDictionary:
         if command >> 5 == 2:
             return self.read(place)
         if command >> 5 != 1 or not command & 0x02:
-            raise SdoAbortedError(COMMAND_UNKNOWN)
+            raise SdoAbortError(COMMAND_UNKNOWN)
         self.write(place, data[: 4 - (command >> 2 & 3) if command & 0x01 else len(self.read(place))])
         return None
 
     def read(self, place: Place) -> bytes:
-        """Return the bytes of an object. Raises `SdoAbortedError`."""
+        """Return the bytes of an object. Raises `SdoAbortError`."""
         variable = self._require(place)
         if not variable.readable:
-            raise SdoAbortedError(WRITE_ONLY)
+            raise SdoAbortError(WRITE_ONLY)
         return variable.encode_raw(self.value(place))
 
     def write(self, place: Place, data: bytes) -> None:
-        """Write an object, after all checks. Raises `SdoAbortedError`."""
+        """Write an object, after all checks. Raises `SdoAbortError`."""
         variable = self._require(place)
         if not variable.writable:
-            raise SdoAbortedError(READ_ONLY)
+            raise SdoAbortError(READ_ONLY)
         if len(data) != count_bytes(variable):
-            raise SdoAbortedError(TOO_LONG if len(data) > count_bytes(variable) else TOO_SHORT)
+            raise SdoAbortError(TOO_LONG if len(data) > count_bytes(variable) else TOO_SHORT)
         value = int(variable.decode_raw(data))
         self._check(place, value, find_bounds(variable))
         self.put(place, value)
@@ -158,36 +165,36 @@ class ObjectDictionary:
         variable = self._objects.get(place)
         if variable is None:
             known = any(place.index == each.index for each in self._objects)
-            raise SdoAbortedError(NO_SUBINDEX if known else NO_OBJECT)
+            raise SdoAbortError(NO_SUBINDEX if known else NO_OBJECT)
         return variable
 
     def _check(self, place: Place, value: int, bounds: tuple[int, int]) -> None:
         if (code := self.refuse(place)) is not None:
-            raise SdoAbortedError(code)
+            raise SdoAbortError(code)
         low, high = bounds
         if not low <= value <= high:
-            raise SdoAbortedError(TOO_LOW if value < low else TOO_HIGH)
+            raise SdoAbortError(TOO_LOW if value < low else TOO_HIGH)
         if value not in _CHOICES.get(place, {value}):
-            raise SdoAbortedError(OUT_OF_RANGE)
+            raise SdoAbortError(OUT_OF_RANGE)
         if place == co.ERROR_COUNT and value:
-            raise SdoAbortedError(TOO_HIGH)
+            raise SdoAbortError(TOO_HIGH)
         if place in {co.LOWER_LIMIT, co.UPPER_LIMIT}:
             limits = self.values | {place: value}
             if limits[co.LOWER_LIMIT] > limits[co.UPPER_LIMIT]:
-                raise SdoAbortedError(MAXIMUM_BELOW_MINIMUM)
+                raise SdoAbortError(MAXIMUM_BELOW_MINIMUM)
         if place in MAPPINGS:
             self._check_mapping(place, value, MAPPINGS[place])
 
     def _check_mapping(self, place: Place, value: int, mapping: tuple[Place, ...]) -> None:
         if place.subindex == 0:
             if sum(self.values[entry] & 0xFF for entry in mapping[1 : value + 1]) > 64:
-                raise SdoAbortedError(PDO_LENGTH)
+                raise SdoAbortError(PDO_LENGTH)
         elif self.values[mapping[0]]:
-            raise SdoAbortedError(WRONG_STATE)
+            raise SdoAbortError(WRONG_STATE)
         else:
             mapped = self._objects.get(Place(value >> 16, value >> 8 & 0xFF))
             if value and (mapped is None or mapped.index < 0x2000 or len(mapped) != value & 0xFF):
-                raise SdoAbortedError(NOT_MAPPABLE)
+                raise SdoAbortError(NOT_MAPPABLE)
 
 
 def _clip(read: Callable[[], int], low: int, high: int) -> int:

@@ -48,12 +48,12 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
         gap = (0.5 * outer_mm, -lip_mm - hinge.clearance_mm / 2)
         _point_out(
             detail,
-            f"clearance d = {hinge.clearance_mm:g} mm",
+            f"clearance {hinge.clearance_mm:g} mm",
             gap,
             (0.7 * outer_mm, -lip_mm - 0.35 * outer_mm),
         )
         face = (0.85 * outer_mm, -lip_mm + 0.85 * outer_mm * np.tan(np.radians(hinge.beta_cut_deg)))
-        words = f"inclined by β_cut = {hinge.beta_cut_deg:.2f}°"
+        words = f"inclined by {hinge.beta_cut_deg:.2f}°"
         _point_out(detail, words, face, (0.8 * outer_mm, -lip_mm + 0.3 * outer_mm))
         return svg(figure, name)
 
@@ -97,14 +97,15 @@ def draw_hinge_figure(cells: Sequence[GridPoint], plane: RotationPlane, name: st
             label="searched on our contour",
         )
         axes.locator_params(axis="x", nbins=4)
-        axes.set_xlabel("clearance d [mm]", labelpad=8)
-        axes.set_ylabel("inclination β_cut [°]")
-        axes.set_zlabel("β_rot [°]")
+        axes.set_xlabel("clearance (mm)", labelpad=8)
+        axes.set_ylabel("inclination (°)")
+        axes.set_zlabel("rotation (°)")
         axes.view_init(elev=20, azim=-125)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02))
         return svg(figure, name)
 
 
 def _format_formula(plane: RotationPlane) -> str:
-    sign = "-" if plane.c < 0 else "+"
-    return f"{plane.a:.2f} β_cut + {plane.b:.0f} d {sign} {abs(plane.c):.3f}, RMSE {plane.rmse_deg:.3f}°"
+    sign = "−" if plane.c < 0 else "+"
+    formula = f"{plane.a:.2f} × inclination + {plane.b:.0f} × clearance {sign} {abs(plane.c):.3f}"
+    return f"{formula}, RMSE {plane.rmse_deg:.3f}°"

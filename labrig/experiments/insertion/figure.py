@@ -1,6 +1,7 @@
 """Figures of an insertion over its length: error of the tip, clearance, NIS and heading, and what its markers moved."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import matplotlib as mpl
@@ -9,6 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from scipy.special import chdtri
 
 from labrig.analysis.result import tabulate
@@ -26,16 +28,22 @@ _NIS_95 = float(chdtri(2, 0.05))
 def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], name: str) -> Markup:
     """Draw the curves of an insertion over the inserted length, with the places where the path was replanned."""
     steps = tabulate(InsertionStep, trial.steps).set_index("depth_mm")
-    rows = 5 if trial.marker_steps else 4
+    draws: list[Callable[[Axes, pd.DataFrame], None]] = [
+        _draw_error,
+        _draw_clearance,
+        partial(_draw_nis, mean_nis=trial.mean_nis),
+        _draw_heading,
+    ]
+    if steps["clearance_mm"].isna().all():
+        draws.remove(_draw_clearance)
+    rows = len(draws) + bool(trial.marker_steps)
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 1.8 * rows), layout="constrained")
         curves = figure.subplots(rows, 1, sharex=True)
-        _draw_error(curves[0], steps)
-        _draw_clearance(curves[1], steps)
-        _draw_nis(curves[2], steps, trial.mean_nis)
-        _draw_heading(curves[3], steps)
+        for axes, draw in zip(curves, draws, strict=False):
+            draw(axes, steps)
         if trial.marker_steps:
-            _draw_markers(curves[4], tabulate(MarkerStep, trial.marker_steps).set_index("depth_mm"))
+            _draw_markers(curves[-1], tabulate(MarkerStep, trial.marker_steps).set_index("depth_mm"))
         for axes in curves:
             axes.grid(visible=True)
             for plan in plans:
@@ -92,6 +100,7 @@ def _draw_nis(axes: Axes, steps: pd.DataFrame, mean_nis: float | None) -> None:
         axes.axhline(mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {mean_nis:.2g}; 2 expected")
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_heading(axes: Axes, steps: pd.DataFrame) -> None:

@@ -67,9 +67,9 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     fit, torsion = document["fit"], (document.get("torsion") or {}).get("fit")
     if fit is None or not document["accepted"]:
         return (f"Not certified: {'; '.join(document['reasons'])}.",)
-    zero, sd = (number(math.degrees(fit[key]), 2) for key in ("zero_rad", "sd_rad"))
+    zero, sd = (number(math.degrees(fit[key]), 2).replace("-", "−") for key in ("zero_rad", "sd_rad"))
     found = (
-        f"Needle {document['needle_id']} bends towards -y where the rotation axis stands at {zero} degrees, "
+        f"Needle {document['needle_id']} bends towards −y where the rotation axis stands at {zero} degrees, "
         f"SD {sd} degrees."
     )
     return (found,) if torsion is None else (found, describe_torsion(torsion))

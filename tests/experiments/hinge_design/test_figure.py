@@ -27,5 +27,5 @@ def test_the_section_shows_both_links_with_the_laser_between_them() -> None:
     )
     crown_mm = min(z for x, z in socket if abs(x) < 0.01 and 0.0 < z < 1.0)
     assert crown_mm - max(z for _, z in knuckle) == pytest.approx(0.025, abs=1e-3)
-    assert "d = 0.025 mm" in drawn
+    assert "clearance 0.025 mm" in drawn
     assert "3.33°" in drawn

@@ -14,7 +14,7 @@ ZERO_RAD = math.radians(20.0)
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> WrittenPage:
-    """The page of a needle that bends towards -y at 20 degrees; the fourth picture shows no needle."""
+    """The page of a needle that bends towards −y at 20 degrees; the fourth picture shows no needle."""
     return make_page(record_roll_zero(tmp_path_factory.mktemp("roll"), ZERO_RAD, frozenset({3})))
 
 
@@ -24,7 +24,7 @@ def test_the_zero_and_its_cosine_are_drawn(page: WrittenPage) -> None:
     assert isinstance(page.result.content, RollZeroResult)
     assert page.result.content.fit is not None
     assert page.result.content.fit["zero_rad"] == pytest.approx(ZERO_RAD, abs=math.radians(1.0))
-    assert "Needle N1 bends towards -y" in page.html
+    assert "Needle N1 bends towards −y" in page.html
     assert "fitted cosine" in page.html
     assert "roll zero, ± 2 SD" in page.html
 

@@ -73,7 +73,7 @@ def test_the_analysis_finds_the_same_lag_and_shows_it(measured: tuple[RollZero |
     sentence = str(summarise(page.result.document)[-1])
     assert "stays behind the rotation axis" in sentence
     assert f"SD {math.degrees(torsion.fit.sd_rad):.3f}" in sentence
-    assert "<h2>Torsion</h2>" in page.html
+    assert "<h3>Torsion</h3>" in page.html
 
 
 def test_too_few_rolls_for_the_torsion_are_refused() -> None:

@@ -133,11 +133,6 @@ class AxisDescription(Model):
         return {}
 
     @property
-    def speed_unit(self) -> str:
-        """What the drive takes speeds in."""
-        return "rpm of the motor"
-
-    @property
     def unknown(self) -> tuple[str, ...]:
         """Names of the entries that are unknown."""
         turns = self.unit == "rad"
@@ -194,14 +189,12 @@ class AxisDescription(Model):
 
     def _check_rounding(self, name: str, speed: float) -> None:
         scale = self.scale()
-        taken = scale.to_speed_units(speed)
-        error = abs(scale.to_speed(taken) - speed) / speed
+        error = abs(scale.to_speed(scale.to_speed_units(speed)) - speed) / speed
         if error > self.speed_tolerance_fraction:
             below = scale.speed_units_below(speed)
             raise LimitError(
-                f"axis {name}: {speed:g} {self.unit}/s is {speed * scale.speed_units_per_speed:.2f} {self.speed_unit}; "
-                f"the drive takes {taken}, off by {100 * error:.1f} %, and the tolerance is "
-                f"{100 * self.speed_tolerance_fraction:g} %",
+                f"axis {name}: {speed:g} {self.unit}/s is off by {100 * error:.1f} % in whole units of the drive, "
+                f"and the tolerance is {100 * self.speed_tolerance_fraction:g} %",
                 f"ask for {scale.to_speed(below):.4g} or {scale.to_speed(below + 1):.4g} {self.unit}/s, "
                 "or raise speed_tolerance_fraction",
             )

@@ -56,7 +56,7 @@ def _open(interface: str) -> tuple[can.BusABC, dict[str, Any]]:
     if interface == "udp_multicast":
         reached_by = {"interface": "udp_multicast", "channel": _GROUP, "port": _free_port()}
         return _multicast(reached_by), reached_by
-    server = SlcanAdapter(1_000_000)
+    server = SlcanAdapter()
     return server, {
         "interface": "slcan",
         "channel": server.path,

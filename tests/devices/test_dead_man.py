@@ -17,7 +17,6 @@ from labrig.devices.drives.objects import Place
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmUnguarded
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.simulated.slcan import SlcanAdapter
 from labrig.errors import BusError, DriveError, SecondMasterError
 from tests.devices.bench_rig import bench_description, bench_rig
 from tests.devices.rigs import HEARTBEAT, OneDrive, OpenedRig, Person, one_drive, opened_rig, simulated_rig
@@ -189,8 +188,7 @@ PULLED = ("can.answer_timeout_ms=5000", f"can.heartbeat.timeout_ms={1000 * HEART
 
 
 def _pull(served: Served) -> None:
-    assert isinstance(served.bus, SlcanAdapter)
-    served.do(served.bus.unplug)
+    served.do(served.bus.shutdown)
 
 
 def test_a_pulled_adapter_is_a_bus_error_and_the_drive_stops_by_itself(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_a_move_beyond_a_limit_sends_nothing() -> None:
             (math.nan, 1.0, "beyond its limits"),
             (10.0, 20.001, "speed 20.001 mm/s is not within 0 to 20 mm/s"),
             (10.0, 0.0, "not within"),
-            (10.0, 0.011, "1.32 rpm of the motor; the drive takes 1, off by 24.2 %"),
+            (10.0, 0.011, "is off by 24.2 % in whole units of the drive"),
         ):
             with pytest.raises(LimitError, match=words):
                 opened.rig.axis("insertion").start_move(position, speed)

@@ -103,7 +103,6 @@ def test_the_command_names_its_port_and_serves() -> None:
         ((), "--interface"),
         (("--interface", "virtual"), "nobody could reach"),
         (("--interface", "nonsense"), "knows no interface nonsense"),
-        (("--interface", "slcan", "--bitrate", "12345"), "bit rate 12345"),
         (("--interface", "slcan", "--nodes", "1,1"), "list of different node ids"),
         (("--interface", "slcan", "--nodes", "0"), "list of different node ids"),
     ],

@@ -15,7 +15,7 @@ LINE = b"t18180102030405060708\r"
 
 @pytest.fixture(name="adapter")
 def _adapter() -> Iterator[SlcanAdapter]:
-    with SlcanAdapter(1_000_000) as adapter:
+    with SlcanAdapter() as adapter:
         yield adapter
 
 
@@ -60,20 +60,10 @@ def test_an_adapter_acknowledges_commands(adapter: SlcanAdapter) -> None:
         assert (answer, message is not None) == (b"z\r", True)
 
 
-def test_nothing_passes_at_a_wrong_bit_rate(adapter: SlcanAdapter) -> None:
-    """The adapter accepts the frame, the bus does not."""
-    with _open(adapter, opening=b"S6\rO\r") as program:
-        assert _talk(adapter, program, b"t6012ABCD\r", 2) == (b"z\r", None)
-        adapter.send(FRAME)
-        assert _talk(adapter, program, b"V\r", 6) == (b"V1013\r", None)
-
-
-def test_frames_survive_the_line() -> None:
-    """Data and remote frames arrive unchanged."""
-    for frame in (
-        can.Message(arbitration_id=0x7FF, data=b"\1\2\3", is_extended_id=False),
-        can.Message(arbitration_id=0x701, is_remote_frame=True, dlc=1, is_extended_id=False),
-    ):
+def test_a_frame_survives_the_line() -> None:
+    """It arrives unchanged, whatever its length."""
+    for data in (b"", b"\1\2\3"):
+        frame = can.Message(arbitration_id=0x7FF, data=data, is_extended_id=False)
         parsed = parse_frame(format_frame(frame).rstrip(b"\r"))
         assert parsed is not None
         assert parsed.equals(frame, timestamp_delta=None)

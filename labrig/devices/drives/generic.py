@@ -115,11 +115,6 @@ class Cia402Axis(AxisDescription):
         """The EDS file, if it is not labrig's own."""
         return {} if self.eds is None else {"eds": self._folder / self.eds}
 
-    @property
-    def speed_unit(self) -> str:
-        """Unit of speeds in the drive."""
-        return f"{self.velocity_unit} of the motor"
-
     def scale(self) -> AxisScale:
         """Return the conversion to counts and to the stated units of velocity and acceleration."""
         scale = super().scale()

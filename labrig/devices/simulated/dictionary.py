@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from canopen.objectdictionary import ODVariable
+from canopen.sdo.exceptions import SdoAbortedError
 
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import count_bytes, find_bounds, find_default, read_own_eds
@@ -43,14 +44,6 @@ _CHOICES = {
 
 _PROCESS_DATA = frozenset({co.CONTROLWORD, co.MODE, co.TARGET_POSITION, co.ERROR_COUNT})
 """Written all the time, so no part of the configuration that a fingerprint vouches for."""
-
-
-class SdoAbortError(Exception):
-    """A transfer that the server refuses, with its abort code."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(f"0x{code:08X}")
-        self.code = code
 
 
 class ObjectDictionary:
@@ -122,7 +115,7 @@ class ObjectDictionary:
         command, *place = _HEAD.unpack_from(request)
         try:
             data = self._carry_out(command, Place(*place), request[4:])
-        except SdoAbortError as refusal:
+        except SdoAbortedError as refusal:
             return _HEAD.pack(0x80, *place) + struct.pack("<I", refusal.code)
         answer = 0x60 if data is None else 0x43 | (4 - len(data)) << 2
         return _HEAD.pack(answer, *place) + (data or b"").ljust(4, b"\0")
@@ -132,24 +125,24 @@ class ObjectDictionary:
         if command >> 5 == 2:
             return self.read(place)
         if command >> 5 != 1 or not command & 0x02:
-            raise SdoAbortError(COMMAND_UNKNOWN)
+            raise SdoAbortedError(COMMAND_UNKNOWN)
         self.write(place, data[: 4 - (command >> 2 & 3) if command & 0x01 else len(self.read(place))])
         return None
 
     def read(self, place: Place) -> bytes:
-        """Return the bytes of an object. Raises `SdoAbortError`."""
+        """Return the bytes of an object. Raises `SdoAbortedError`."""
         variable = self._require(place)
         if not variable.readable:
-            raise SdoAbortError(WRITE_ONLY)
+            raise SdoAbortedError(WRITE_ONLY)
         return variable.encode_raw(self.value(place))
 
     def write(self, place: Place, data: bytes) -> None:
-        """Write an object, after all checks. Raises `SdoAbortError`."""
+        """Write an object, after all checks. Raises `SdoAbortedError`."""
         variable = self._require(place)
         if not variable.writable:
-            raise SdoAbortError(READ_ONLY)
+            raise SdoAbortedError(READ_ONLY)
         if len(data) != count_bytes(variable):
-            raise SdoAbortError(TOO_LONG if len(data) > count_bytes(variable) else TOO_SHORT)
+            raise SdoAbortedError(TOO_LONG if len(data) > count_bytes(variable) else TOO_SHORT)
         value = int(variable.decode_raw(data))
         self._check(place, value, find_bounds(variable))
         self.put(place, value)
@@ -165,36 +158,36 @@ class ObjectDictionary:
         variable = self._objects.get(place)
         if variable is None:
             known = any(place.index == each.index for each in self._objects)
-            raise SdoAbortError(NO_SUBINDEX if known else NO_OBJECT)
+            raise SdoAbortedError(NO_SUBINDEX if known else NO_OBJECT)
         return variable
 
     def _check(self, place: Place, value: int, bounds: tuple[int, int]) -> None:
         if (code := self.refuse(place)) is not None:
-            raise SdoAbortError(code)
+            raise SdoAbortedError(code)
         low, high = bounds
         if not low <= value <= high:
-            raise SdoAbortError(TOO_LOW if value < low else TOO_HIGH)
+            raise SdoAbortedError(TOO_LOW if value < low else TOO_HIGH)
         if value not in _CHOICES.get(place, {value}):
-            raise SdoAbortError(OUT_OF_RANGE)
+            raise SdoAbortedError(OUT_OF_RANGE)
         if place == co.ERROR_COUNT and value:
-            raise SdoAbortError(TOO_HIGH)
+            raise SdoAbortedError(TOO_HIGH)
         if place in {co.LOWER_LIMIT, co.UPPER_LIMIT}:
             limits = self.values | {place: value}
             if limits[co.LOWER_LIMIT] > limits[co.UPPER_LIMIT]:
-                raise SdoAbortError(MAXIMUM_BELOW_MINIMUM)
+                raise SdoAbortedError(MAXIMUM_BELOW_MINIMUM)
         if place in MAPPINGS:
             self._check_mapping(place, value, MAPPINGS[place])
 
     def _check_mapping(self, place: Place, value: int, mapping: tuple[Place, ...]) -> None:
         if place.subindex == 0:
             if sum(self.values[entry] & 0xFF for entry in mapping[1 : value + 1]) > 64:
-                raise SdoAbortError(PDO_LENGTH)
+                raise SdoAbortedError(PDO_LENGTH)
         elif self.values[mapping[0]]:
-            raise SdoAbortError(WRONG_STATE)
+            raise SdoAbortedError(WRONG_STATE)
         else:
             mapped = self._objects.get(Place(value >> 16, value >> 8 & 0xFF))
             if value and (mapped is None or mapped.index < 0x2000 or len(mapped) != value & 0xFF):
-                raise SdoAbortError(NOT_MAPPABLE)
+                raise SdoAbortedError(NOT_MAPPABLE)
 
 
 def _clip(read: Callable[[], int], low: int, high: int) -> int:

@@ -1,12 +1,11 @@
 """Simulated drives on a bus that other programs can join: one of python-can's, or a simulated slcan adapter."""
 
 from collections.abc import Callable, Iterable
-from typing import Any, get_args
+from typing import Any
 
 import can
 
 from labrig.devices.bus import OPENING_FAILURES
-from labrig.devices.can_description import Bitrate
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.epos2 import Epos2Axis
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
@@ -37,7 +36,7 @@ def open_bus(
     port : int or None
         For udp_multicast.
     bitrate : int
-        Of the bus [bit/s].
+        Of the bus; a serial line has none [bit/s].
 
     Raises
     ------
@@ -46,11 +45,8 @@ def open_bus(
     BusError
         When it cannot be opened.
     """
-    if bitrate not in get_args(Bitrate):
-        known = ", ".join(map(str, get_args(Bitrate)))
-        raise InputError(f"bit rate {bitrate} is not one that drives have", f"use one of {known}")
     if interface == "slcan":
-        return SlcanAdapter(bitrate)
+        return SlcanAdapter()
     if interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise InputError(f"python-can knows no interface {interface}", f"it knows {known}")

@@ -1,8 +1,8 @@
 """A simulated USB-CAN adapter that speaks slcan (Lawicel's ASCII protocol) on a serial line.
 
 A program opens the line as it opens a real adapter. Each command is acknowledged with a carriage return, `z` before it
-after a frame, or a bell for what is refused. Frames pass only while the channel is open and its bit rate is that of the
-bus. A program that does not read loses frames, as with an adapter whose buffer overflows; the bus is not delayed.
+after a frame, or a bell for what is refused. Data frames pass while the channel is open, at whatever bit rate. A
+program that does not read loses frames, as with an adapter whose buffer overflows; the bus is not delayed.
 """
 
 import os
@@ -13,10 +13,8 @@ from selectors import EVENT_READ, DefaultSelector
 
 import can
 
-_BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
-"""Those of the commands S0 to S8 [bit/s]."""
-
-_FRAME = re.compile(rb"([tr])([0-7][0-9A-Fa-f]{2})([0-8])((?:[0-9A-Fa-f]{2})*)")
+_FRAME = re.compile(rb"t([0-7][0-9A-Fa-f]{2})([0-8])((?:[0-9A-Fa-f]{2})*)")
+_BIT_RATE = re.compile(rb"S[0-8]")
 
 _OK, _REFUSED = b"\r", b"\a"
 _LONGEST_LINE = 64
@@ -24,19 +22,12 @@ _CHUNK_BYTES = 4096
 
 
 class SlcanAdapter(can.BusABC):
-    """The bus of the adapter: `recv` returns what the program sends, and `send` sends to it.
-
-    Parameters
-    ----------
-    bitrate : int
-        Bit rate of the bus [bit/s].
-    """
+    """The bus of the adapter: `recv` returns what the program sends, and `send` sends to it."""
 
     channel_info = "simulated slcan adapter"
 
-    def __init__(self, bitrate: int) -> None:
+    def __init__(self) -> None:
         super().__init__(channel="slcan")
-        self._bitrate = self._bus_bitrate = bitrate
         self._is_open = False
         self._line = self._unsent = b""
         self._received: deque[can.Message] = deque()
@@ -50,21 +41,17 @@ class SlcanAdapter(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - never waits
         """Pass a frame of the bus to the program."""
-        if self._is_open and self._bitrate == self._bus_bitrate:
+        if self._is_open:
             self._write(format_frame(msg))
 
-    def unplug(self) -> None:
-        """Unplug the adapter for good: the line disappears."""
+    def shutdown(self) -> None:
+        """Close the line for good, as an adapter does that is unplugged."""
+        super().shutdown()
         if self._end >= 0:
             self._waiting.close()
             os.close(self._end)
             os.close(self._other)
             self._end = -1
-
-    def shutdown(self) -> None:
-        """Close the line."""
-        super().shutdown()
-        self.unplug()
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._received and self._end >= 0 and self._waiting.select(timeout):
@@ -80,17 +67,13 @@ class SlcanAdapter(can.BusABC):
             self._write(self._obey(line))
             return
         self._write(b"z\r")
-        if self._bitrate == self._bus_bitrate:
-            self._received.append(frame)
+        self._received.append(frame)
 
     def _obey(self, line: bytes) -> bytes:
         """Do what a line asks for that is no frame, and return the answer."""
-        command, rest = line[:1], line[1:]
-        if command == b"S" and rest.isdigit() and int(rest) < len(_BITRATES) and not self._is_open:
-            self._bitrate = _BITRATES[int(rest)]
-        elif line in {b"O", b"C"} and self._is_open == (line == b"C"):
+        if line in {b"O", b"C"} and self._is_open == (line == b"C"):
             self._is_open = line == b"O"
-        elif line:
+        elif line and (self._is_open or not _BIT_RATE.fullmatch(line)):
             return {b"V": b"V1013\r", b"N": b"NA123\r"}.get(line, _REFUSED)
         return _OK
 
@@ -110,19 +93,14 @@ class SlcanAdapter(can.BusABC):
 
 
 def format_frame(message: can.Message) -> bytes:
-    """Return a frame with an id of 11 bits, as all of CANopen are, as a line of slcan."""
-    kind, data = ("r", "") if message.is_remote_frame else ("t", bytes(message.data).hex().upper())
-    return f"{kind}{message.arbitration_id:03X}{message.dlc}{data}\r".encode("ascii")
+    """Return a data frame with an id of 11 bits, as all of CANopen are, as a line of slcan."""
+    return f"t{message.arbitration_id:03X}{message.dlc}{message.data.hex().upper()}\r".encode("ascii")
 
 
 def parse_frame(line: bytes) -> can.Message | None:
-    """Return the frame that a line of slcan sends, or None when it is not one."""
+    """Return the data frame that a line of slcan sends, or None when it is not one."""
     found = _FRAME.fullmatch(line)
-    if found is None:
+    if found is None or len(found[3]) != 2 * int(found[2]):
         return None
-    kind, can_id, length, data = found[1], int(found[2], 16), int(found[3]), bytes.fromhex(found[4].decode())
-    if len(data) != (0 if kind == b"r" else length):
-        return None
-    return can.Message(
-        arbitration_id=can_id, is_extended_id=False, is_remote_frame=kind == b"r", dlc=length, data=data
-    )
+    data = bytes.fromhex(found[3].decode())
+    return can.Message(arbitration_id=int(found[1], 16), is_extended_id=False, data=data)

@@ -200,13 +200,9 @@ class AxisDescription(Model):
             )
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield a backlash that leaves no room, a lead where there is none, and inputs that the drive does not have."""
-        (low, high), known = self.limits, (*self.analog_inputs, *self.digital_inputs)
-        if self.backlash >= high - low:
-            yield Conflict(
-                "backlash", f"backlash is {self.backlash:g}, as long as the axis", "enter what was measured"
-            )
-        elif self.backlash and low <= 0 < low + self.backlash:
+        """Yield limits without room for the backlash, a lead of what turns, and inputs that the drive does not have."""
+        low, known = self.limits[0], (*self.analog_inputs, *self.digital_inputs)
+        if self.backlash and low <= 0 < low + self.backlash:
             yield Conflict(
                 "limits",
                 f"limits begin at {low:g}, and a move back to 0 passes it by the backlash, {self.backlash:g}",

@@ -19,7 +19,6 @@ from labrig.simulation.description import (
     NeedleDescription,
     PrintedMarkerDescription,
     WorldDescription,
-    stream,
 )
 from labrig.simulation.gel import Ball, GelBlock, Hole
 from labrig.simulation.lens import (
@@ -44,32 +43,29 @@ def blur(sharp: Field32, blur_px: float) -> Field32:
     return np.asarray(cv2.GaussianBlur(sharp, (side, side), blur_px, borderType=cv2.BORDER_REFLECT_101))
 
 
-class Sensor:
-    """Photon and read-out noise from a bank that is drawn once; each picture takes another piece, mirrored at random.
+def draw_noise_bank(lens: LensDescription, random: np.random.Generator) -> Field32:
+    """Return noise of unit standard deviation, larger than a picture: each picture takes another piece of it."""
+    bank = (lens.height_px + _BANK_RIM_PX, lens.width_px + _BANK_RIM_PX)
+    return random.standard_normal(bank, dtype=np.float32)
 
-    At the reference level half of the variance is read-out noise; the other half grows with the light.
+
+def expose(
+    light: Field32, bank: Field32, world: WorldDescription, random: np.random.Generator
+) -> npt.NDArray[np.uint8]:
+    """Return the picture (H, W) uint8 of the light (H, W) in grey levels, with a piece of the bank mirrored at random.
+
+    At the light's level half of the variance is read-out noise; the other half, photon noise, grows with the light.
     """
-
-    def __init__(self, seed: int, size_px: tuple[int, int], noise_sd: float, level: float) -> None:
-        width, height = size_px
-        bank = (height + _BANK_RIM_PX, width + _BANK_RIM_PX)
-        self._bank = stream(seed, "noise bank").standard_normal(bank, dtype=np.float32)
-        self._size_px = size_px
-        self._noise_sd = noise_sd
-        self._level = level
-
-    def expose(self, light: Field32, random: np.random.Generator) -> npt.NDArray[np.uint8]:
-        """Return the picture (H, W) uint8 of the light (H, W) in grey levels."""
-        width, height = self._size_px
-        row, column = random.integers(0, _BANK_RIM_PX, 2)
-        piece = self._bank[row : row + height, column : column + width]
-        noise = cv2.flip(piece, int(random.integers(-1, 2)))
-        variance = 0.5 * self._noise_sd**2
-        deviation = cv2.addWeighted(light, variance / self._level, light, 0.0, variance)
-        # In place: fresh memory of this size costs more than the arithmetic.
-        cv2.sqrt(deviation, deviation)
-        cv2.multiply(noise, deviation, noise)
-        return np.asarray(cv2.add(light, noise, dtype=cv2.CV_8U), np.uint8)
+    height, width = light.shape
+    row, column = random.integers(0, _BANK_RIM_PX, 2)
+    piece = bank[row : row + height, column : column + width]
+    noise = cv2.flip(piece, int(random.integers(-1, 2)))
+    variance = 0.5 * world.noise_sd**2
+    deviation = cv2.addWeighted(light, variance / world.light.level, light, 0.0, variance)
+    # In place: fresh memory of this size costs more than the arithmetic.
+    cv2.sqrt(deviation, deviation)
+    cv2.multiply(noise, deviation, noise)
+    return np.asarray(cv2.add(light, noise, dtype=cv2.CV_8U), np.uint8)
 
 
 Indexes = npt.NDArray[np.intp]

@@ -14,13 +14,12 @@ friction along the needle holds it until the base has wound it up, however long 
 """
 
 import math
-from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 
-from labrig.simulation.description import DisturbancesDescription, LayerDescription
+from labrig.simulation.description import DisturbancesDescription, LayerDescription, NeedleDescription
 from labrig.simulation.lens import Floats
 
 NODE_MM = 0.05  # arc length between nodes
@@ -100,24 +99,6 @@ def follow_with_play(bevel_rad: float, base_rad: float, lag_rad: float) -> float
     return min(max(bevel_rad, base_rad - lag_rad), base_rad + lag_rad)
 
 
-@dataclass(frozen=True)
-class Bending:
-    """How the needle bends: its radius with closed hinges (infinite: straight), two lengths, and layers.
-
-    hinge_closing_mm : arc length over which the hinges close; backlash_mm : over which the curvature swings to the
-    other side after half a turn; layers : where the radius is scaled.
-    """
-
-    radius_mm: float
-    hinge_closing_mm: float
-    backlash_mm: float
-    layers: tuple[LayerDescription, ...] = ()
-
-    def scale_radius_at(self, z_mm: float) -> float:
-        """Return the scale of the radius at a depth."""
-        return next((layer.radius_scale for layer in self.layers if z_mm < layer.until_mm), 1.0)
-
-
 class PathNode(NamedTuple):
     """A point of the path: arc length, position, heading, and curvature (d heading / d arc).
 
@@ -172,18 +153,30 @@ class Track:
     ----------
     start : PathNode
         Where the needle leaves the sheath, and in its direction; at arc length 0, straight.
-    bending : Bending
-        How the needle bends.
+    radius_mm : float
+        Radius with closed hinges; infinite for a straight path.
+    needle : NeedleDescription
+        How its hinges close, and their play.
     unevenness : Unevenness
         Disturbances; none by default.
+    layers : tuple of LayerDescription
+        Where the radius is scaled.
     """
 
-    def __init__(self, start: PathNode, bending: Bending, unevenness: Unevenness = EVEN) -> None:
-        self._bending = bending
-        self._curvature_1_mm = 1.0 / bending.radius_mm
-        self._closing_rate_1_mm2 = self._curvature_1_mm / bending.hinge_closing_mm
-        self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / bending.backlash_mm
+    def __init__(
+        self,
+        start: PathNode,
+        radius_mm: float,
+        needle: NeedleDescription,
+        unevenness: Unevenness = EVEN,
+        layers: tuple[LayerDescription, ...] = (),
+    ) -> None:
+        self._curvature_1_mm = 1.0 / radius_mm
+        self._hinge_closing_mm = needle.hinge_closing_mm
+        self._closing_rate_1_mm2 = self._curvature_1_mm / needle.hinge_closing_mm
+        self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / needle.backlash_mm
         self._uneven = unevenness
+        self._layers = layers
         self._nodes = [start]
         self._end = start
 
@@ -206,12 +199,12 @@ class Track:
         self, node: PathNode, length_mm: float, bevel: tuple[float, float], arc_mm: float | None = None
     ) -> PathNode:
         """Return the node a length further on; `bevel` are the shares of the curvature in the plane and out of it."""
-        closing = node.arc_mm < self._bending.hinge_closing_mm
+        closing = node.arc_mm < self._hinge_closing_mm
         limit = (self._closing_rate_1_mm2 if closing else self._swing_rate_1_mm2) * length_mm
         stretch = len(self._nodes) - 1
         share = self._uneven.curvature_share[stretch]
-        if self._bending.layers:
-            share /= self._bending.scale_radius_at(node.z_mm)
+        if self._layers:
+            share /= next((layer.radius_scale for layer in self._layers if node.z_mm < layer.until_mm), 1.0)
         sought = self._curvature_1_mm * share
         curvature_1_mm = _approach(node.curvature_1_mm, bevel[0] * sought, limit)
         bend_1_mm = _approach(node.bend_1_mm, bevel[1] * sought, limit)

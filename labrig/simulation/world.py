@@ -13,12 +13,13 @@ from labrig.errors import InputError
 from labrig.simulation.description import PrintedMarkerDescription, WorldDescription, stream
 from labrig.simulation.draw import (
     PathSpan,
-    Sensor,
     blur,
     draw_backdrop,
     draw_gel,
     draw_marker,
+    draw_noise_bank,
     draw_with_needle,
+    expose,
     print_marker,
 )
 from labrig.simulation.gel import (
@@ -38,7 +39,7 @@ from labrig.simulation.targets import (
     draw_graph_paper,
     draw_light,
 )
-from labrig.simulation.track import NODE_MM, Bending, PathNode, Track, follow_with_play
+from labrig.simulation.track import NODE_MM, PathNode, Track, follow_with_play
 
 _Drawn = TypeVar("_Drawn")
 
@@ -115,9 +116,8 @@ class World:
         return draw_light(light, lens) * np.float32(light.level)
 
     @cached_property
-    def _sensor(self) -> Sensor:
-        lens, level = self.description.lens, self.description.light.level
-        return Sensor(self._seed, (lens.width_px, lens.height_px), self.description.noise_sd, level)
+    def _noise(self) -> Field32:
+        return draw_noise_bank(self.description.lens, stream(self._seed, "noise bank"))
 
     def mount_needle(self, needle_id: str) -> None:
         """Clamp a needle into the instrument, which starts without a needle; its bevel is not wound up.
@@ -280,10 +280,10 @@ class World:
 
     def _cut(self, hole: Hole) -> None:
         if hole.track is None:
-            needle, (x, y, z) = self.description.needle, self.sheath_point_mm()
-            bending = Bending(hole.radius_mm, needle.hinge_closing_mm, needle.backlash_mm, hole.layers)
+            x, y, z = self.sheath_point_mm()
             start = PathNode(0.0, y, z, hole.heading_rad, 0.0, x, hole.lean_rad)
-            hole.track = Track(start, bending, hole.unevenness)
+            needle = self.description.needle
+            hole.track = Track(start, hole.radius_mm, needle, hole.unevenness, hole.layers)
             hole.track_linear_mm = self._linear_mm
         hole.track.extend(self._needle_span().to_mm, self._bevel_rad)
 
@@ -310,7 +310,7 @@ class World:
         light = self._draw_light(scene)
         if exposure != 1.0:
             light = light * np.float32(exposure)
-        return self._sensor.expose(light, stream(self._seed, "picture", scene, count))
+        return expose(light, self._noise, self.description, stream(self._seed, "picture", scene, count))
 
     def truth(self) -> dict[str, object]:
         """Return the truth about the insertion in the present hole, ready for JSON.

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from labrig.simulation.description import DisturbancesDescription
+from labrig.simulation.description import DisturbancesDescription, NeedleDescription
 from labrig.simulation.track import (
     EVEN,
     NODE_MM,
-    Bending,
     PathNode,
     Track,
     Unevenness,
@@ -22,13 +21,14 @@ from labrig.simulation.track import (
 from tests.simulation.benches import SMALL_LENS, STILL_SHEATH, before_gel, one_radius
 
 RADIUS_MM, CLOSING_MM, BACKLASH_MM = 28.0, 3.0, 1.5
+NEEDLE = NeedleDescription(hinge_closing_mm=CLOSING_MM, backlash_mm=BACKLASH_MM)
 PI, LAG_RAD = math.pi, math.radians(10.0)
 
 
 def cut(*pieces: tuple[float, float], heading_rad: float = 0.0, unevenness: Unevenness = EVEN) -> Track:
     """Return a track cut to each arc length at each roll in turn."""
     start = PathNode(0.0, 0.0, 0.0, heading_rad, 0.0)
-    track = Track(start, Bending(RADIUS_MM, CLOSING_MM, BACKLASH_MM), unevenness)
+    track = Track(start, RADIUS_MM, NEEDLE, unevenness)
     for arc_mm, roll_rad in pieces:
         track.extend(arc_mm, roll_rad)
     return track

@@ -153,7 +153,7 @@ class UvcCameraDescription(ControlledCameraDescription):
             controls.close()
             raise CameraError(
                 f"{self.device} gives no pictures",
-                "it may be used by another program, or be no camera; try another number",
+                "another program may use it, or it is no camera: ls /dev/video* shows which there are",
             )
         return UvcSource(capture, controls, context.clock, self)
 

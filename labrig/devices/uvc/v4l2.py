@@ -23,9 +23,6 @@ def _encode_read_write(number: int) -> int:
 GET_CONTROL = _encode_read_write(27)
 SET_CONTROL = _encode_read_write(28)
 
-_CAPABILITY_BYTES = 104
-QUERY_CAPABILITY = 2 << 30 | _CAPABILITY_BYTES << 16 | ord("V") << 8
-
 _USER = 0x00980900
 _CAMERA = 0x009A0900
 
@@ -62,7 +59,7 @@ class V4l2Controls:
     Raises
     ------
     CameraError
-        When the device cannot be opened or is not a camera.
+        When the device cannot be opened.
     """
 
     def __init__(self, device: str) -> None:
@@ -73,13 +70,6 @@ class V4l2Controls:
             raise CameraError(
                 f"camera {device} cannot be opened: {error.strerror}",
                 "plug it in; ls /dev/video* shows which there are; membership of group video is needed",
-            ) from error
-        try:
-            fcntl.ioctl(self._handle, QUERY_CAPABILITY, bytes(_CAPABILITY_BYTES))
-        except OSError as error:
-            os.close(self._handle)
-            raise CameraError(
-                f"{device} is not a camera: {error.strerror}", "ls /dev/video* shows which there are"
             ) from error
 
     def set(self, name: str, value: float) -> None:

@@ -74,10 +74,6 @@ class CameraDescription(Model):
         """Return the settings to be made, in the order in which a camera takes them."""
         return {"width_px": self.width_px, "height_px": self.height_px, "rate_hz": self.rate_hz}
 
-    def reported(self) -> tuple[str, ...]:
-        """Return the settings that are not made, and that the camera is asked for all the same."""
-        return ()
-
     def open(self, context: "CameraContext") -> "PictureSource":
         """Open the camera. Raises `CameraError` when there is none."""
         raise NotImplementedError
@@ -119,10 +115,6 @@ class ControlledCameraDescription(CameraDescription):
             **{name: getattr(self, name) for name in CONTROL_NAMES},
         }
         return {name: value for name, value in values.items() if value is not None}
-
-    def reported(self) -> tuple[str, ...]:
-        """Return the focus where it is not set: an autofocus would change it unseen."""
-        return ("focus",) if self.focus is None else ()
 
 
 _T = TypeVar("_T")
@@ -332,11 +324,14 @@ def close_source(source: PictureSource, worker: Worker) -> None:
 
 
 def _make_settings(source: PictureSource, description: CameraDescription) -> dict[str, Setting]:
-    """Make every setting, then read all of them back: a later one may have changed an earlier one."""
+    """Make every setting, then read all of them back: a later one may have changed an earlier one.
+
+    What a calibration depends on is read where it is not set too: an autofocus would change it unseen.
+    """
     asked = description.settings()
     for name, value in asked.items():
         source.set(name, value)
-    told = {name: source.get(name) for name in (*asked, *description.reported())}
+    told = {name: source.get(name) for name in (*asked, *HELD_BY_CALIBRATION)}
     for name, value in asked.items():
         _require_made(name, value, told[name])
     return {name: value for name, value in told.items() if value is not None}

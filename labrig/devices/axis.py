@@ -208,8 +208,6 @@ class Axis:
         Raises `DriveStrayedError`, `DriveError`, `BusError`.
         """
         found = self.drive.target()
-        if found is None:
-            return
         if self.sent_target is None:
             self.sent_target = found
         if abs(found - self.sent_target) > _SAME_TARGET:

@@ -1,7 +1,7 @@
 """Trapezoidal velocity profiles as a closed form of time."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
 
 
@@ -40,11 +40,6 @@ class Profile:
     segments: tuple[Segment, ...]
     end_s: float
     end_position: float
-
-    def shifted(self, distance: float) -> "Profile":
-        """Return the same motion elsewhere."""
-        segments = tuple(replace(each, position=each.position + distance) for each in self.segments)
-        return Profile(segments, self.end_s, self.end_position + distance)
 
     def range_within(self, from_s: float, until_s: float) -> tuple[float, float]:
         """Return the lowest and the highest position between two times: a profile turns only where segments meet."""

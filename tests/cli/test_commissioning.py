@@ -22,6 +22,7 @@ from labrig.record.reader import open_run
 from labrig.record.writer import Recorder, opening_files
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, sweep_command
 from tests.devices.bench_rig import bench_description
+from tests.devices.rigs import instants
 from tests.devices.served import Served, served_drives
 from tests.small_camera import CALIBRATED_SMALL_CAMERA, set_options
 
@@ -167,9 +168,7 @@ def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench:
     assert [words for words in told if words not in done.err] == []
     assert (at_bench.state()["needle_in_tissue"], at_bench.state()["referenced"]) == (False, [])
     assert [round(at_bench.shaft_mm(node), 1) for node in (1, 3)] == [-1.0, -1.0]
-    assert not any(
-        event.kind == "homing" for drive in at_bench.served.drives.values() for event in drive.journal
-    )
+    assert not any(instants(drive, "homing") for drive in at_bench.served.drives.values())
     record = open_run(done.json()["run"])
     assert record.manifest["withdraws"] == "killed"
     assert (record.path / "can.log").stat().st_size > 0
@@ -201,12 +200,11 @@ def test_a_needle_is_taken_out_after_labrig_was_killed(labrig: Labrig, at_bench:
     assert "have lost their positions" not in done.err
     assert at_bench.state()["needle_in_tissue"] is False
     assert [round(at_bench.shaft_mm(node), 1) for node in (1, 3)] == [0.0, 0.0]
-    turns = [event for event in at_bench.served.drives[2].journal if event.kind == "set-point"]
-    assert len(turns) == 2
+    assert len(instants(at_bench.served.drives[2], "set-point")) == 2
 
 
 def _in_fault(drive: SimulatedCia402Drive) -> bool:
-    return any(event.kind == "emergency" for event in drive.journal) and not drive.is_moving
+    return bool(instants(drive, "emergency")) and not drive.is_moving
 
 
 def test_an_interrupted_withdrawal_is_continued(

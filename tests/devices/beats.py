@@ -8,7 +8,7 @@ from itertools import pairwise
 import can
 
 from labrig.devices.simulated.bus import InProcessBus
-from tests.devices.rigs import OpenedRig
+from tests.devices.rigs import OpenedRig, instants
 
 
 @dataclass
@@ -39,6 +39,4 @@ def listening(opened: OpenedRig) -> Iterator[Heard]:
 
 def require_no_fault(opened: OpenedRig) -> None:
     """Require that no drive has reported an error."""
-    assert not any(
-        event.kind == "emergency" for node in opened.hardware.drives.values() for event in node.journal
-    )
+    assert not any(instants(drive, "emergency") for drive in opened.drives.values())

@@ -93,6 +93,11 @@ class Signal:
         return self.name
 
 
+def instants(drive: SimulatedCia402Drive, what: str) -> list[float]:
+    """Return when a simulated drive did something, by its journal [s]."""
+    return [t_s for t_s, did in tuple(drive.journal) if did.startswith(what)]
+
+
 FREE, WALLS = Mechanics(), Mechanics(-20_000.0, 20_000.0, -8_000.0, 8_000.0)
 
 

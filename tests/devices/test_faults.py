@@ -8,7 +8,7 @@ from labrig.devices.drives import objects as co
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import FileFormatError
-from tests.devices.rigs import rig_text
+from tests.devices.rigs import instants, rig_text
 
 
 def _scripted(folder: Path, script: str) -> RigDescription:
@@ -48,7 +48,5 @@ def test_a_fault_waits_for_its_time_and_for_the_axis(tmp_path: Path) -> None:
     for word in (0x06, 0x0F, 0x3F):
         drive.objects.put(co.CONTROLWORD, word)
     hardware.clock.sleep(0.1)
-    boot = drive.find_last("boot")
-    assert boot is not None
-    assert boot.t_s == drive.shaft.still_s == 2.1
+    assert instants(drive, "boot")[-1] == drive.shaft.still_s == 2.1
     hardware.close()

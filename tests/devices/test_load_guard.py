@@ -16,7 +16,16 @@ from labrig.devices.stall import StallWatch
 from labrig.devices.trapezoid import make_rest_profile
 from labrig.errors import DriveError, FileFormatError, ForceGuardError
 from tests.devices import epos2_places as od
-from tests.devices.rigs import OpenedRig, Person, epos2_axis, one_drive, opened_rig, ready_rig, simulated_rig
+from tests.devices.rigs import (
+    OpenedRig,
+    Person,
+    epos2_axis,
+    instants,
+    one_drive,
+    opened_rig,
+    ready_rig,
+    simulated_rig,
+)
 
 LIMIT = "axes.linear.max_current_ma=800"
 
@@ -100,8 +109,7 @@ def test_a_blocked_axis_is_stopped_before_its_drive_fails(speed: float, told_wit
         blocked_s = opened.hardware.clock.now_s()
         with pytest.raises(ForceGuardError, match="the linear axis is stalled: 800 mA for"):
             go_on(opened.rig)
-        events = [event for event in opened.drives["linear"].journal if event.t_s >= blocked_s]
-        stopped_s = next(event.t_s for event in events if event.kind == "brake")
+        stopped_s = next(t_s for t_s in instants(opened.drives["linear"], "brake") if t_s >= blocked_s)
         assert stopped_s - blocked_s < told_within_s
         # From 20 mm/s it brakes over a whole millimetre, and its drive fails on the way.
         assert bool(opened.rig.axis("linear").drive.faults()) is (speed > 5)

@@ -18,6 +18,7 @@ from tests.devices.rigs import (
     OpenedRig,
     Person,
     Signal,
+    instants,
     opened_rig,
     ready_rig,
     simulated_rig,
@@ -243,5 +244,5 @@ def test_no_moves_at_all_take_an_axis_beyond_its_limits(
         opened.rig.stop()
         assert beyond == []
         for drive in opened.drives.values():
-            assert drive.find_last("emergency") is None
+            assert not instants(drive, "emergency")
             assert drive.objects.value(co.ERROR_COUNT) == 0

@@ -14,6 +14,7 @@ from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.shaft import Mechanics
 from tests.devices import epos2_places as od
+from tests.devices.rigs import instants
 
 NODE = 5
 OBJECTS = read_own_eds("epos2.eds").objects
@@ -89,9 +90,7 @@ def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Ben
     assert bench.frames(0x085) == []
     bench.clock.sleep(0.2)
     assert bench.frames(0x085) == [b"\x30\x81\x01\0\0\0\0\0"]
-    emergency = bench.drive.find_last("emergency")
-    assert emergency is not None
-    assert emergency.t_s == pytest.approx(bench.clock.now_s() - 0.1)
+    assert instants(bench.drive, "emergency")[-1] == pytest.approx(bench.clock.now_s() - 0.1)
     bench.write(co.CONTROLWORD, 0x80)
     assert bench.frames(0x085) == [bytes(8)]
 

@@ -6,7 +6,7 @@ import resource
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import can
@@ -40,6 +40,7 @@ from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.devices.simulated.node import NmtState
 from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.trapezoid import Profile
 from labrig.errors import (
     BusError,
     BusPassiveError,
@@ -187,6 +188,20 @@ class Cell:
 
         self.taps.append(InProcessBus(self.hardware.wire, hear))
 
+    def fall_behind(self) -> None:
+        """Let the drive, whose shaft no longer turns, bear no following error: no current shows before it fails."""
+        self.drive.objects.values[co.MAX_FOLLOWING_ERROR] = 0
+        self.drive.shaft.jam()
+
+    def shift_counter(self, counts: float) -> None:
+        """Let position and demand jump, and the shaft go on as before: an encoder that counts wrong."""
+        shaft, profile = self.drive.shaft, self.drive.shaft.profile
+        segments = tuple(replace(each, position=each.position + counts) for each in profile.segments)
+        shaft.profile = Profile(segments, profile.end_s, profile.end_position + counts)
+        shaft.zero -= counts
+        shaft.tick(self.hardware.clock.now_s())
+        self.drive._target += counts
+
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
         SimulatedCia402Drive(self.drive.section, self.hardware.wire, self.hardware.clock, Mechanics())
@@ -300,7 +315,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "heartbeat of the drive lost": lambda cell: stop_heartbeat(cell.hardware.wire, cell.drive),
     "node-id clash": lambda cell: cell.add_twin(),
     **{f"EMCY {name}": _emergency(code) for name, (code, _) in EMERGENCIES.items()},
-    "following error": lambda cell: cell.drive.shaft.uncouple(),
+    "following error": lambda cell: cell.fall_behind(),
     "software limit": _limit_behind,
     "limit switch": lambda cell: cell.drive.set_input("positive-limit", 1.0),
     "emergency stop": _script_fault(fault="emergency-stop", axis="insertion"),
@@ -339,7 +354,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "terminal gone stale": lambda cell: setattr(cell, "terminal_is_open", False),
     "target changed in the drive": _change_target,
     "idle axis moved": _creep,
-    "encoder jumps": lambda cell: cell.drive.shift_counter(24_000),
+    "encoder jumps": lambda cell: cell.shift_counter(24_000),
     "stall in gel": _script_fault(fault="blocked", axis="insertion"),
     "force limit exceeded": lambda cell: cell.hardware.drives["insertion"].set_input("analog-1", 2500.0),
     "door opened": lambda cell: cell.hardware.drives["linear"].set_input("general-A", 0.0),

@@ -281,7 +281,7 @@ class Cia402Drive(DriveNode):
         """Return the position of the axis [mm or rad]."""
         return self._position(self.counter())
 
-    def target(self) -> float | None:
+    def target(self) -> float:
         """Return the target position that the drive now has [mm or rad]."""
         return self._position(self.upload(co.TARGET_POSITION))
 

@@ -3,7 +3,6 @@
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 
 from labrig.clock import Clock
@@ -56,8 +55,7 @@ _STAYS_IN_QUICK_STOP = 5
 """From this value of 0x605A on, power stays on at the end of a quick stop."""
 
 _MODE_SPECIFIC = 0x2000
-_FOLLOWING_ERROR_OFF = 0xFFFFFFFF
-_NEGATIVE_SWITCH, _POSITIVE_SWITCH = 0x0001, 0x0002
+_NEGATIVE_SWITCH, _POSITIVE_SWITCH, _BOTH_SWITCHES = 0x0001, 0x0002, 0x0003
 _SWITCH_MASK = Place(0x2071, 4)
 """Object of an EPOS2 that says which limit switches stop it; without it both do."""
 
@@ -73,25 +71,6 @@ _DISABLING_ERRORS = frozenset(
 specification of the first EPOS generation, 798675-03)."""
 
 _KEPT_EVENTS = 10_000
-
-
-@dataclass(frozen=True)
-class DriveEvent:
-    """An event of a drive, at its exact instant, not that of the tick that noticed it.
-
-    Parameters
-    ----------
-    t_s : float
-        When it was.
-    kind : str
-        boot, emergency, set-point, brake or homing.
-    text : str
-        The error code, or similar.
-    """
-
-    t_s: float
-    kind: str
-    text: str
 
 
 class SimulatedCia402Drive(CanopenNode):
@@ -114,8 +93,9 @@ class SimulatedCia402Drive(CanopenNode):
     ----------
     shaft : MotorShaft
         Its motor shaft.
-    journal : deque of DriveEvent
-        What it did last, oldest first.
+    journal : deque of (float, str)
+        What it did last, oldest first: the exact instant [s], not that of the tick that noticed it, and boot,
+        set-point, homing, brake, or emergency with the error code.
     """
 
     def __init__(
@@ -130,7 +110,7 @@ class SimulatedCia402Drive(CanopenNode):
         self.section, self._model = section, section.model()
         self._limit_errors = _LIMIT_ERRORS.get(self._model.errors, _LIMIT_ERRORS_OF_EPOS4)
         self._scale = section.scale()
-        self.journal: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
+        self.journal: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         self._forced_inputs = 0
         self._analog_mv = dict.fromkeys(self._model.analog, 0)
         self._lasting_errors: set[int] = set()
@@ -145,7 +125,7 @@ class SimulatedCia402Drive(CanopenNode):
         )
         self._values = objects.value
         super().__init__(wire, section.node_id, clock, objects)
-        self._note("boot", "power on")
+        self._note("boot")
         self.boot()
 
     def _forget(self) -> None:
@@ -175,10 +155,6 @@ class SimulatedCia402Drive(CanopenNode):
     def is_powered(self) -> bool:
         """Tell whether the power stage is on."""
         return self._state in _POWERED
-
-    def find_last(self, kind: str) -> DriveEvent | None:
-        """Return the newest event of a kind, or None."""
-        return next((event for event in reversed(self.journal) if event.kind == kind), None)
 
     # What its product decides
 
@@ -224,11 +200,6 @@ class SimulatedCia402Drive(CanopenNode):
         self._done_s = -math.inf
         self.tick()
 
-    def shift_counter(self, counts: float) -> None:
-        """Let position and demand jump, and the shaft stand: an encoder that counts wrong, or another zero."""
-        self.shaft.shift_counter(self._clock.now_s(), counts)
-        self._target += counts
-
     def restart(self) -> None:
         """Lose power and come back: settings, reference and counter are lost, the shaft stays where it is."""
         now_s = self._clock.now_s()
@@ -238,7 +209,7 @@ class SimulatedCia402Drive(CanopenNode):
         self.objects.load()
         self.nmt_state = NmtState.OFF
         self._ready_s = now_s + self._boot_time_s
-        self._note("boot", "restart")
+        self._note("boot")
         if not self._boot_time_s:
             self.boot()
 
@@ -272,9 +243,8 @@ class SimulatedCia402Drive(CanopenNode):
     def _watch(self, now_s: float) -> None:
         """Notice software limits and following error, at the instant at which they were passed."""
         low, high = self._position_limits()
-        window: float = self.objects.values[co.MAX_FOLLOWING_ERROR]
-        if self._seeks_stop or window == _FOLLOWING_ERROR_OFF:
-            window = math.inf
+        is_guarded = self._model.has(co.MAX_FOLLOWING_ERROR) and not self._seeks_stop
+        window = self._values(co.MAX_FOLLOWING_ERROR) if is_guarded else math.inf
         demand, actual = self.shaft.at(now_s)
         if not (low <= demand <= high and low <= actual <= high):
             code = self._limit_errors[2]
@@ -292,11 +262,7 @@ class SimulatedCia402Drive(CanopenNode):
         pressed = self._inputs & ~before
         if not pressed or seeks_switch or self._state not in _POWERED:
             return
-        stops = (
-            self._values(_SWITCH_MASK)
-            if self._model.has(_SWITCH_MASK)
-            else _NEGATIVE_SWITCH | _POSITIVE_SWITCH
-        )
+        stops = self._values(_SWITCH_MASK) if self._model.has(_SWITCH_MASK) else _BOTH_SWITCHES
         for bit, code in zip((_NEGATIVE_SWITCH, _POSITIVE_SWITCH), self._limit_errors, strict=False):
             if pressed & stops & bit:
                 self.fail(code)
@@ -324,9 +290,8 @@ class SimulatedCia402Drive(CanopenNode):
         rated_ma = self.objects.values.get(co.RATED_CURRENT, 0)
         return round(self._read_current_ma() * (1000 / rated_ma if rated_ma else 1))
 
-    def _note(self, kind: str, text: str, t_s: float | None = None) -> None:
-        at_s = self._clock.now_s() if t_s is None else t_s
-        self.journal.append(DriveEvent(at_s, kind, text))
+    def _note(self, what: str, t_s: float | None = None) -> None:
+        self.journal.append((self._clock.now_s() if t_s is None else t_s, what))
 
     # Objects
 
@@ -339,11 +304,6 @@ class SimulatedCia402Drive(CanopenNode):
             co.PRODUCT_CODE: next(iter(self._model.types), eds.product),
             co.REVISION: eds.revision or 0,
             co.SERIAL_NUMBER: 1000 + self.section.node_id,
-            **(
-                {}
-                if self._model.has(co.MAX_FOLLOWING_ERROR)
-                else {co.MAX_FOLLOWING_ERROR: _FOLLOWING_ERROR_OFF}
-            ),
             **{stated.place: stated.raw for stated in self._model.stated if stated.raw is not None},
         }
 
@@ -473,7 +433,7 @@ class SimulatedCia402Drive(CanopenNode):
             self._acknowledged = False
         elif not before & NEW_SETPOINT:
             self._target, self._acknowledged = float(self._values(co.TARGET_POSITION)), True
-            self._note("set-point", f"{self._target:.0f}")
+            self._note("set-point")
             if not word & HALT:
                 self._start_move(self._clock.now_s())
         if word & HALT and not before & HALT:
@@ -489,7 +449,7 @@ class SimulatedCia402Drive(CanopenNode):
         elif word & ~before & NEW_SETPOINT:
             method = self._values(co.HOMING_METHOD)
             self._attained = self._homing_failed = False
-            self._note("homing", f"method {method}")
+            self._note("homing")
             self._homing = self._home(method)
             self.tick()
 
@@ -513,16 +473,13 @@ class SimulatedCia402Drive(CanopenNode):
         self.shaft.count_from(self._clock.now_s(), float(self._read(self._model.home_position)))
         self._target = self.shaft.actual
         self._attained = self._referenced = True
-        self._note("homing", "attained")
 
     def _read(self, place: Place | None) -> int:
         """Return the value of an object that the product may lack."""
         return 0 if place is None else self._values(place)
 
     def _stop_homing(self) -> None:
-        if self._homing is not None:
-            self._homing, self._seeks_stop = None, False
-            self._note("homing", "stopped")
+        self._homing, self._seeks_stop = None, False
 
     # Motion
 
@@ -543,7 +500,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _brake(self, place: Place, t_s: float) -> None:
         if self.is_moving:
-            self._note("brake", str(place), t_s)
+            self._note("brake", t_s)
         self.shaft.brake(t_s, self._to_counts(self._values(place)))
 
     # Faults
@@ -554,7 +511,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._errors.append(code)
         values = self.objects.values
         values |= {co.LAST_ERROR: code, co.ERROR_COUNT: 1, co.ERROR_REGISTER: _GENERIC}
-        self._note("emergency", f"0x{code:04X}", t_s)
+        self._note(f"emergency 0x{code:04X}", t_s)
         self._react(code, t_s)
         self.send_emergency(code, _GENERIC)
 

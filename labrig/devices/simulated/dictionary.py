@@ -14,15 +14,14 @@ from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import count_bytes, find_bounds, find_default, read_own_eds
 from labrig.devices.drives.model import Model
 from labrig.devices.drives.objects import Place
+from labrig.devices.drives.sdo import NO_OBJECT
 from labrig.devices.simulated.shaft import HOMING_HERE, SEARCHES
 
 MAPPINGS = {place: mapping for mapping in co.TPDO_MAPS for place in mapping}
 """An object that says what a transmit PDO carries -> all of that PDO, the number of its objects first."""
 
 COMMAND_UNKNOWN = 0x05040001
-WRITE_ONLY = 0x06010001
 READ_ONLY = 0x06010002
-NO_OBJECT = 0x06020000
 NOT_MAPPABLE = 0x06040041
 PDO_LENGTH = 0x06040042
 TOO_LONG = 0x06070012
@@ -131,10 +130,7 @@ class ObjectDictionary:
 
     def read(self, place: Place) -> bytes:
         """Return the bytes of an object. Raises `SdoAbortedError`."""
-        variable = self._require(place)
-        if not variable.readable:
-            raise SdoAbortedError(WRITE_ONLY)
-        return variable.encode_raw(self.value(place))
+        return self._require(place).encode_raw(self.value(place))
 
     def write(self, place: Place, data: bytes) -> None:
         """Write an object, after all checks. Raises `SdoAbortedError`."""

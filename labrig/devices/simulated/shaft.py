@@ -73,7 +73,6 @@ class MotorShaft:
         self.demand = self.actual = self.velocity = 0.0
         self.ticked_s = self.still_s = now_s
         self._jam: float | None = None
-        self._uncoupled = False
 
     @property
     def position(self) -> float:
@@ -89,20 +88,12 @@ class MotorShaft:
         """Block the shaft where it is."""
         self._jam = self.position
 
-    def uncouple(self) -> None:
-        """Let the motor no longer turn the shaft, and feel nothing of it."""
-        self.jam()
-        self._uncoupled = True
-
     def free(self) -> None:
         """Take the blockage away."""
         self._jam = None
-        self._uncoupled = False
 
     def current_ma(self, counts_per_turn: float, limit_ma: float) -> float:
         """Return the motor current under an output current limit [mA]."""
-        if self._uncoupled:
-            return 0.0
         lag_turns = (self.demand - self.actual) / counts_per_turn
         current_ma = _STIFFNESS_MA_PER_TURN * lag_turns
         if direction := (0.0 if self.stuck else self.velocity) or lag_turns:
@@ -167,12 +158,6 @@ class MotorShaft:
         """Set the counter at the present position."""
         self.zero = self.position - counter
         self._follow(make_rest_profile(t_s, counter), t_s)
-        self.tick(max(t_s, self.ticked_s))
-
-    def shift_counter(self, t_s: float, counts: float) -> None:
-        """Let the counter jump, on the way too: the shaft goes on as before."""
-        self.profile = self.profile.shifted(counts)
-        self.zero -= counts
         self.tick(max(t_s, self.ticked_s))
 
 

@@ -109,7 +109,7 @@ def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -
     assert trial.target_error_sources_mm is not None
     assert trial.target_error_sources_mm.target == pytest.approx(0.1)
     page = write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
-    assert "<h2>What the markers moved</h2>" in page
+    assert "<h3>What the markers moved</h3>" in page
     assert "Markers: displacement since the start" in page
     (film,) = make_films(run, result.content)
     first, last = (

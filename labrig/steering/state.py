@@ -55,6 +55,8 @@ class SteeringState:
         The occasion on which a quick search found no path: the needle halts, and the planner then searches thoroughly.
     moving_from : (float, array)
         Insertion length and position at which the tip was last known to move.
+    seen : tuple of (float, float, float)
+        Insertion length, y and z [mm] of each sighting that was believed.
     """
 
     belief: TipBelief
@@ -73,6 +75,7 @@ class SteeringState:
     run_to_mm: float
     moving_from: tuple[float, FloatArray]
     sought: Occasion | None = None
+    seen: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def tip(self) -> TipState:
@@ -124,13 +127,11 @@ def take_in_sighting(
     for step in steps:
         belief = advance_belief(belief, step, settings.estimator)
     belief = step_belief(belief, replace(last, position_mm=sighting.position_mm), settings.estimator)
-    moving_from, seen_mm = state.moving_from, sighting.position_mm
-    if (
-        seen_mm is not None
-        and belief.tip.accepted
-        and np.linalg.norm(seen_mm - moving_from[1]) >= settings.policy.stuck_mm / 2
-    ):
-        moving_from = sighting.insertion_mm, seen_mm
+    moving_from, seen, seen_mm = state.moving_from, state.seen, sighting.position_mm
+    if seen_mm is not None and belief.tip.accepted:
+        seen = (*seen, (sighting.insertion_mm, float(seen_mm[1]), float(seen_mm[2])))
+        if np.linalg.norm(seen_mm - moving_from[1]) >= settings.policy.stuck_mm / 2:
+            moving_from = sighting.insertion_mm, seen_mm
     turns = tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm)
     return replace(
         state,
@@ -140,6 +141,7 @@ def take_in_sighting(
         why=None,
         refusal=None,
         moving_from=moving_from,
+        seen=seen,
     )
 
 

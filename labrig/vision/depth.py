@@ -39,6 +39,10 @@ _LEAST_BLOCKS, _POINTS = 6, 30
 _WIDTH_PX, _IN_COMMON, _TAPER, _MOST = 0.06, 0.4, 0.003, 0.015
 # Standard deviation of the share of the inserted length by which the tip lags behind, and of the ends' places [mm].
 _SLIP, _ENDS_MM = 0.01, 0.1
+# Of a change of that share over 100 mm, as of a random walk; it was measured on no bench. And of the length up to a tip
+# that was seen on the way [mm].
+_SLIP_CHANGE, _SEEN_MM = 0.002, 0.06
+_WAY_FROM_MM, _WAY_STEP_MM = 8.0, 4.0
 # Probability that what is known before holds; and the standard deviations of the end if the needle wanders farther.
 # Of 150 whole insertions that wander six times as much as told, 83 end beyond 2 mm; 5 of these say success with 0.8,
 # 10 with 0.9 and 5 with 0.7. Of 100 that wander as told 86, 90 and 77 do.
@@ -47,6 +51,9 @@ _HOLDS, _FARTHER_MM = 0.8, (2.0, 5.0, 12.0, 30.0)
 # true; of 51 needles more than 3 mm out, where 0.05 deg/mm^0.5 were told, 40 did.
 _CONTRADICTED = 0.16
 _TINY_MM2, _TINY_MM = 1e-9, 1e-9
+# Standard deviations of what traces have in common: a scale of all widths, their taper, the slip, and the place of a
+# template along the needle.
+_COMMON_SDS = (1.0, _TAPER, _SLIP, _ENDS_MM)
 # The steps end where none would move a place by this; most take 3 to 16.
 _CONVERGED_MM, _MOST_STEPS = 1e-6, 200
 
@@ -91,7 +98,12 @@ class Depth:
 
 
 def measure_depth(
-    end: ShaftTip, perspective: Perspective, inserted_mm: float, at_mm: FloatArray, covariance_mm2: FloatArray
+    end: ShaftTip,
+    perspective: Perspective,
+    inserted_mm: float,
+    at_mm: FloatArray,
+    covariance_mm2: FloatArray,
+    way_mm: FloatArray | None = None,
 ) -> Depth | None:
     """Return how far the end of a needle is out of the plane; None if its widths do not tell.
 
@@ -105,8 +117,10 @@ def measure_depth(
         Arc lengths from the sheath to the end, rising.
     covariance_mm2 : ndarray (N, N)
         Of the places out of the plane there, before the picture is looked at.
+    way_mm : ndarray (K, 3) or None
+        Inserted lengths, rising, and where (y, z) the tip was seen at them.
     """
-    traces = _Traces.of(end, perspective, inserted_mm, at_mm)
+    traces = _Traces.of(end, perspective, inserted_mm, at_mm, np.zeros((0, 3)) if way_mm is None else way_mm)
     if traces is None:
         return None
     before = covariance_mm2 + _TINY_MM2 * np.eye(len(at_mm))
@@ -118,6 +132,23 @@ def measure_depth(
     alone = _weigh(farther, [each for _ in farther])
     contradicts = possible[0].probability < _CONTRADICTED
     return Depth(alone if contradicts else possible, *_mix(alone), contradicts)
+
+
+def _find_lengths(
+    end: ShaftTip, inserted_mm: float, way_mm: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return inserted lengths (K,) and the lengths of shaft up to where the tip was seen at them, the end last."""
+    kept, next_mm = list[int](), _WAY_FROM_MM
+    for number, at_mm in enumerate(way_mm[:, 0]):
+        if at_mm >= next_mm and at_mm < inserted_mm:
+            kept.append(number)
+            next_mm = at_mm + _WAY_STEP_MM
+    inserted, places_mm = way_mm[kept, 0], way_mm[kept, 1:]
+    apart_mm = places_mm[:, None] - end.centre_line_mm
+    near = np.argmin(np.sum(apart_mm**2, axis=2), axis=1)
+    tangents = np.gradient(end.centre_line_mm, end.arc_mm, axis=0)[near]
+    arcs_mm = end.arc_mm[near] + np.sum(apart_mm[np.arange(len(near)), near] * tangents, axis=1)
+    return np.append(inserted, inserted_mm), np.append(arcs_mm, end.length_mm)
 
 
 def _covary_wandering(at_mm: FloatArray) -> FloatArray:
@@ -167,6 +198,8 @@ class _Traces:
         What is seen of the needle at its places, from the camera's foot.
     steps_mm : ndarray (N - 1,)
         Between its places.
+    until : ndarray (K, N - 1)
+        Which share of each step lies before each place up to which the length is seen.
     height_mm : float
         Of the camera.
     """
@@ -177,11 +210,17 @@ class _Traces:
     common: FloatArray
     nodes_mm: FloatArray
     steps_mm: FloatArray
+    until: FloatArray
     height_mm: float
 
     @classmethod
     def of(
-        cls, end: ShaftTip, perspective: Perspective, inserted_mm: float, at_mm: FloatArray
+        cls,
+        end: ShaftTip,
+        perspective: Perspective,
+        inserted_mm: float,
+        at_mm: FloatArray,
+        way_mm: FloatArray,
     ) -> "_Traces | None":
         """Return the traces of a needle; None for too few widths, or if they scatter too much."""
         usual_mm = float(np.median(end.widths_mm))
@@ -205,19 +244,30 @@ class _Traces:
         nodes_mm = np.column_stack(
             [np.interp(at_mm, end.arc_mm * stretch, line) for line in end.centre_line_mm.T]
         )
+        inserted, arcs_mm = _find_lengths(end, inserted_mm, way_mm)
         # Interpolated between nodes, and without its bevel, the needle looks shorter than it is.
-        chords_mm = float(np.linalg.norm(np.diff(nodes_mm, axis=0), axis=1).sum())
-        covariance = np.diag(np.full(count + 1, (_SLIP * inserted_mm) ** 2 + _ENDS_MM**2))
+        steps_mm = np.diff(at_mm)
+        until = np.clip((arcs_mm[:, None] * stretch - at_mm[:-1]) / steps_mm, 0.0, 1.0)
+        until[-1] = 1.0
+        chords_mm = until @ np.linalg.norm(np.diff(nodes_mm, axis=0), axis=1)
+        lengths = len(inserted)
+        covariance = np.zeros((count + lengths, count + lengths))
+        first, second = np.minimum.outer(inserted, inserted), np.maximum.outer(inserted, inserted)
+        walked = (_SLIP_CHANGE**2 / 100.0) * first**2 * (3.0 * second - first) / 6.0
+        covariance[count:, count:] = walked + np.diag([*[_SEEN_MM**2] * (lengths - 1), _ENDS_MM**2])
         apart = np.abs(np.subtract.outer(places_mm, places_mm)) / _BLOCK_MM
-        covariance[:-1, :-1] = sd**2 * _IN_COMMON**apart
-        common = np.column_stack((np.ones(count), places_mm / at_mm[-1] - 0.5))
+        covariance[:count, :count] = sd**2 * _IN_COMMON**apart
+        common = np.zeros((count + lengths, len(_COMMON_SDS)))
+        common[:count, 0], common[:count, 1] = 1.0, places_mm / at_mm[-1] - 0.5
+        common[count:, 2], common[count:-1, 3] = inserted, 1.0
         return cls(
-            np.append(logs, inserted_mm - end.length_mm + chords_mm),
+            np.append(logs, inserted - arcs_mm + chords_mm),
             covariance,
             np.column_stack([np.interp(places_mm, at_mm, unit) for unit in np.eye(len(at_mm))]),
-            np.vstack((common, np.zeros(2))),
+            common,
             nodes_mm - perspective.foot_mm,
-            np.diff(at_mm),
+            steps_mm,
+            until,
             perspective.height_mm,
         )
 
@@ -229,13 +279,13 @@ class _Traces:
         lengths_mm = np.maximum(np.hypot(np.linalg.norm(runs_mm, axis=1), rises_mm), _TINY_MM)
         spread = np.diff(np.diff(places.covariance, axis=0), axis=1).diagonal()
         along, up = runs_mm / lengths_mm[:, None], rises_mm / lengths_mm
-        slopes = np.zeros(len(grown))
-        slopes[:-1] -= np.sum(along * self.nodes_mm[:-1], axis=1) / self.height_mm + up
-        slopes[1:] += np.sum(along * self.nodes_mm[1:], axis=1) / self.height_mm + up
-        length_mm = lengths_mm.sum() + 0.5 * np.sum(spread / self.steps_mm)
-        return np.append(np.log(self.height_mm / far), length_mm), np.vstack(
-            (-self.between / far[:, None], slopes)
-        )
+        steps = np.arange(len(lengths_mm))
+        slopes = np.zeros((len(steps), len(grown)))
+        slopes[steps, steps] = -np.sum(along * self.nodes_mm[:-1], axis=1) / self.height_mm - up
+        slopes[steps, steps + 1] = np.sum(along * self.nodes_mm[1:], axis=1) / self.height_mm + up
+        lengths_mm = lengths_mm + 0.5 * spread / self.steps_mm
+        expected = np.append(np.log(self.height_mm / far), self.until @ lengths_mm)
+        return expected, np.vstack((-self.between / far[:, None], self.until @ slopes))
 
 
 def _update(traces: _Traces, before: FloatArray, near: _Places) -> _Places:
@@ -245,9 +295,8 @@ def _update(traces: _Traces, before: FloatArray, near: _Places) -> _Places:
     steps start at what is known.
     """
     count, places = len(before), near
-    prior = np.zeros((count + 2, count + 2))
+    prior = np.diag([*np.zeros(count), *np.square(_COMMON_SDS)])
     prior[:count, :count] = before
-    prior[-2, -2], prior[-1, -1] = 1.0, _TAPER**2
     share, before_mm = 1.0, math.inf
     for _ in range(_MOST_STEPS):
         expected, slopes = traces.linearise(places)

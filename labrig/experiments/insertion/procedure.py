@@ -417,7 +417,7 @@ class Insertion:
             )
         except MeasurementRefusedError:
             shaft = None
-        estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm)
+        estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm, state.seen)
         return self._bound_end(path, shaft, estimate)
 
     def _bound_end(

@@ -306,7 +306,9 @@ class _Insertion:
             source.view.plane,
             find_target_sd_mm(source.protocol, self.markers),
             shaft=shaft,
-            estimate=EstimatedEnd(tip.position_mm[1:], tip.position_sd_mm, self.state.seen) if self.steps else None,
+            estimate=EstimatedEnd(tip.position_mm[1:], tip.position_sd_mm, self.state.seen)
+            if self.steps
+            else None,
             drift=source.drift,
         )
 

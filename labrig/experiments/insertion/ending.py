@@ -360,7 +360,9 @@ def judge_end(
     """
     problem = settings.problem
     way_mm = np.array(() if estimate is None else estimate.seen).reshape(-1, 3)
-    depth = None if shaft is None else _find_depth(shaft, plane, path, problem.radius_mm, unseen, way_mm)
+    depth = (
+        None if shaft is None else _find_depth(shaft, plane, path, problem.radius_mm, unseen, way_mm=way_mm)
+    )
     swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < _SWINGS_MM
     seen = see_end(plane, shaft, estimate, swings=swings, drift=drift, depth=depth)
     budget = budget_out_of_plane(path, problem.radius_mm, unseen)
@@ -373,6 +375,7 @@ def _find_depth(
     path: Sequence[RolledStretch],
     radius_mm: float,
     unseen: OutOfPlaneSettings,
+    *,
     way_mm: FloatArray,
 ) -> Depth | None:
     """Return how far the needle's end is out of the plane, by the last picture and its path; None if it is not told."""
@@ -382,7 +385,7 @@ def _find_depth(
     depth_mm = sum(stretch.length_mm for stretch in path)
     at_mm = np.linspace(0.0, depth_mm, max(_LEAST_NODES, round(depth_mm / _NODE_MM)))
     covariance = covary_out_of_plane(path, radius_mm, unseen, at_mm)
-    return measure_depth(shaft, perspective, depth_mm, at_mm, covariance, way_mm)
+    return measure_depth(shaft, perspective, depth_mm, at_mm, covariance, way_mm=way_mm)
 
 
 def bound_error(

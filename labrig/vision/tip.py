@@ -142,9 +142,8 @@ def locate_tip(
     fitted = [(_fit(part, start), start) for start in starts]
     found, start = max(fitted, key=lambda pair: 0.0 if pair[0] is None else pair[0].score)
     if found is None:
-        # Of all places, as which one comes first is a matter of rounding.
-        best = max(start.score for start in starts)
-        return TipFix(accepted=False, reason="The template cannot be fitted to the best place.", score=best)
+        # Without a score: which places are tried is a matter of rounding where none is any good.
+        return TipFix(accepted=False, reason="The template cannot be fitted to any place.")
     rivals = (rival for rival, _ in fitted if rival is not None and _is_apart(rival, found))
     distinctness = found.score - max((rival.score for rival in rivals), default=0.0)
     reason = _judge(found, distinctness, start, predicted=heading_rad is not None)

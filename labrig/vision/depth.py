@@ -39,8 +39,8 @@ _LEAST_BLOCKS, _POINTS = 6, 30
 # 0.5 % of the width. _TAPER is that of a change of width along the whole needle that is not depth, such as light that
 # differs from end to end. Widths that scatter by more than _MOST are left out.
 _WIDTH_PX, _IN_COMMON, _TAPER, _MOST = 0.06, 0.4, 0.003, 0.015
-# Standard deviation of the slip, and of the ends' places [mm].
-_SLIP, _ENDS_MM = 0.01, 0.1
+# Standard deviation of the slip, of the ends' places, and of the needle's where the insertion begins [mm].
+_SLIP, _ENDS_MM, _ZERO_MM = 0.01, 0.1, 0.3
 # Of its change over 100 mm, as of a random walk, which was measured on no bench; and of the length up to a tip that was
 # seen on the way [mm]. In simulated insertions, whose slip does not change, depth is 0.3 mm off (rms) and 0.4 are told.
 _SLIP_CHANGE, _SEEN_MM = 0.002, 0.06
@@ -56,8 +56,8 @@ _HOLDS, _FARTHER_MM = 0.5, (2.0, 5.0, 12.0, 30.0)
 _CONTRADICTED = 0.045
 _TINY_MM2, _TINY_MM = 1e-9, 1e-9
 # Standard deviations of what traces have in common: a scale of all widths, their taper, the slip, and the place of a
-# template along the needle.
-_COMMON_SDS = (1.0, _TAPER, _SLIP, _ENDS_MM)
+# needle where the insertion begins, which a person sets by eye.
+_COMMON_SDS = (1.0, _TAPER, _SLIP, _ZERO_MM)
 # The steps end where none would move a place by this; most take 3 to 16.
 _CONVERGED_MM, _MOST_STEPS = 1e-6, 200
 
@@ -197,7 +197,7 @@ class _Traces:
     between : ndarray (M, N)
         How the depth where widths are measured follows from the places along the needle.
     common : ndarray (M + K, 4)
-        What a scale of all widths, their taper, slip and the template's place add.
+        What a scale of all widths, their taper, slip and the needle's place at the beginning add.
     nodes_mm : ndarray (N, 2)
         What is seen of the needle at its places, from the camera's foot.
     steps_mm : ndarray (N - 1,)
@@ -263,7 +263,7 @@ class _Traces:
         covariance[:count, :count] = sd**2 * _IN_COMMON**apart
         common = np.zeros((count + lengths, len(_COMMON_SDS)))
         common[:count, 0], common[:count, 1] = 1.0, places_mm / at_mm[-1] - 0.5
-        common[count:, 2], common[count:-1, 3] = inserted, 1.0
+        common[count:, 2], common[count:, 3] = inserted, 1.0
         return cls(
             np.append(logs, inserted - arcs_mm + chords_mm),
             covariance,

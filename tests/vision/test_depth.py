@@ -107,17 +107,19 @@ def test_slip_is_not_taken_for_depth() -> None:
     assert abs(depth.x_mm) < 2 * depth.sd_mm
 
 
-@pytest.mark.parametrize("slip", [0.0, 0.01])
+@pytest.mark.parametrize(("slip", "zero_mm"), [(0.0, 0.0), (0.01, 0.0), (0.01, 0.4)])
 @pytest.mark.parametrize("x_mm", [-3.0, 0.0, 3.0])
-def test_where_the_tip_was_seen_on_the_way_tells_depth_from_slip(x_mm: float, slip: float) -> None:
+def test_where_the_tip_was_seen_on_the_way_tells_depth_from_slip(
+    x_mm: float, slip: float, zero_mm: float
+) -> None:
     """The end is known twice as well then, within three standard deviations; a tip seen beside the shaft is none."""
     needle = deep(x_mm=x_mm)
     seen = needle.path_mm()[:: round(2.0 / STEP_MM)]
-    inserted = 2.0 * np.arange(len(seen)) / (1.0 - slip)
+    inserted = zero_mm + 2.0 * np.arange(len(seen)) / (1.0 - slip)
     way_mm = np.column_stack((inserted, -seen[:, 1], seen[:, 0]))
     way_mm[20] += (0.0, 3.0, -5.0)
-    alone = measure(needle, 5.0, needle.length_mm / (1.0 - slip))
-    depth = measure(needle, 5.0, needle.length_mm / (1.0 - slip), way_mm=way_mm)
+    inserted_mm = zero_mm + needle.length_mm / (1.0 - slip)
+    alone, depth = measure(needle, 5.0, inserted_mm), measure(needle, 5.0, inserted_mm, way_mm=way_mm)
     assert alone is not None
     assert depth is not None
     assert depth.sd_mm < 0.5 * alone.sd_mm

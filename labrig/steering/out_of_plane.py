@@ -23,6 +23,7 @@ import numpy as np
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.torsion import RolledStretch, TorsionalLag, displace_by_bends
+from labrig.vision.out_of_plane import covary_walk
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,10 @@ def covary_out_of_plane(
     length.
     """
     roll_mm, lags_mm = _displace(stretches, radius_mm, settings, at_mm)
-    first, second = np.minimum.outer(at_mm, at_mm), np.maximum.outer(at_mm, at_mm)
-    wandering = first**2 * (3.0 * second - first) / 6.0
     return np.asarray(
         settings.roll_zero_sd_rad**2 * np.outer(roll_mm, roll_mm)
         + lags_mm.T @ lags_mm
-        + settings.heading_sd_rad_per_root_mm**2 * wandering
+        + settings.heading_sd_rad_per_root_mm**2 * covary_walk(at_mm)
         + settings.start_sd_mm**2
         + settings.start_sd_rad**2 * np.outer(at_mm, at_mm)
     )

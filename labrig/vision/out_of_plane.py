@@ -23,6 +23,15 @@ from labrig.vision.plane import PlaneMap
 FloatArray = NDArray[np.float64]
 
 
+def covary_walk(at_mm: FloatArray) -> FloatArray:
+    """Return the covariance (N, N) [mm^3] of the integral of a random walk at lengths (N,) [mm].
+
+    The walk begins at 0 and has a variance of 1 after a millimetre: a heading that wanders, and the place that follows.
+    """
+    first, second = np.minimum.outer(at_mm, at_mm), np.maximum.outer(at_mm, at_mm)
+    return np.asarray(first**2 * (3.0 * second - first) / 6.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Perspective:
     """The camera's foot on the plane (y, z), and its height, enlarged by the index of the gel [mm]."""

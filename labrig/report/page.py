@@ -52,8 +52,8 @@ class Page:
     ----------
     template : Path
         The experiment's template, which extends `base.html.jinja`. Its block `facts` tells the `protocol`, also without
-        a result; `verdict`, the result in a sentence or two, `body` and `sure` find `run`, `result`, its `content` and
-        its `folder` beside what is in `shown`.
+        a result; `verdict`, the result in a sentence or two, `body` with its picture, `results` and `sure` find `run`,
+        `result`, its `content` and its `folder` beside what is in `shown`.
     plane : PlaneMap or None
         By which the pictures were measured; None for an experiment that measures none.
     shown : Mapping

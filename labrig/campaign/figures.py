@@ -12,7 +12,8 @@ from matplotlib.patches import Circle
 from labrig.analysis.statistics import compute_spread
 from labrig.campaign.result import CampaignResult
 from labrig.campaign.statistics import ArmResult, read_values
-from labrig.report.figures import SETTINGS, DrawnFigure, Interval, choose_limits, draw_interval, svg
+from labrig.protocol.model import Interval
+from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg
 from labrig.report.formatting import label_quantity, name_settings, tell_value
 from labrig.report.palette import Mark, mark
 

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from labrig.durable import write_atomically
+from labrig.protocol.model import Interval
 from labrig.report.palette import DESIGN, Mark, mark
 
 FloatArray = NDArray[np.float64]
@@ -125,9 +126,6 @@ class Design:
     side: int
 
 
-Interval = tuple[float, float]
-
-
 def choose_limits(values: Sequence[float], intervals: Sequence[Interval | None]) -> Interval | None:
     """Return the limits of an axis of values and intervals; None without two different values.
 
@@ -137,27 +135,27 @@ def choose_limits(values: Sequence[float], intervals: Sequence[Interval | None])
     low, high = min(values, default=0.0), max(values, default=0.0)
     if low == high:
         return None
-    span = high - low
-    ends = [end for interval in intervals for end in interval or ()]
-    low, high = max(min(low, *ends, high), low - span), min(max(high, *ends, low), high + span)
+    span, ends = high - low, [low, high, *(end for interval in intervals for end in interval or ())]
+    low, high = max(min(ends), low - span), min(max(ends), high + span)
     room = 0.04 * (high - low)
     return low - room, high + room
 
 
-def draw_interval(axes: Axes, ends: Interval, place: float, colour: str, *, width: float = 2.0) -> None:
-    """Draw a horizontal interval with caps, and with an arrow where it goes on beyond the limits of the axis."""
-    limits = axes.get_xlim()
+def draw_interval(
+    axes: Axes, ends: Interval, place: float, colour: str, *, width: float = 2.0, upright: bool = False
+) -> None:
+    """Draw an interval with caps, and with an arrow where it goes on beyond the limits of its axis."""
+    limits, cap, arrows = (axes.get_ylim(), "_", "v^") if upright else (axes.get_xlim(), "|", "<>")
     shown = np.clip(ends, *limits)
-    axes.plot(shown, [place] * 2, "-", color=colour, linewidth=width)
-    for end, at, arrow in zip(ends, shown, ("<", ">"), strict=True):
-        axes.plot(
-            at,
-            place,
-            "|" if end == at else arrow,
-            color=colour,
-            markersize=8 if end == at else 5,
-            clip_on=False,
-        )
+    marks = (
+        (at, cap, 8) if end == at else (at, arrow, 5)
+        for end, at, arrow in zip(ends, shown, arrows, strict=True)
+    )
+    parts = [(shown, "-", 0), *marks]
+    for along, style, size in parts:
+        across = np.full_like(along, place)
+        points = (across, along) if upright else (along, across)
+        axes.plot(*points, style, color=colour, linewidth=width, markersize=size, clip_on=style == "-")
 
 
 def draw_steerability_figure(series: Sequence[GelSeries], design: Design, name: str) -> DrawnFigure:
@@ -214,15 +212,9 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
     axes.autoscale(enable=False)
     for place, gel in enumerate(series):
         if gel.mean_mm is not None:
-            error_mm = np.abs(np.array([gel.ci95_mm or (gel.mean_mm, gel.mean_mm)]).T - gel.mean_mm)
-            axes.errorbar(
-                place + 0.03, gel.mean_mm, error_mm, fmt=gel.mark.marker, color=gel.mark.colour, **_MEAN
-            )
-            for end_mm, edge_mm, arrow in zip(gel.ci95_mm or (), axes.get_ylim(), "v^", strict=False):
-                if abs(end_mm - gel.mean_mm) > abs(edge_mm - gel.mean_mm):
-                    axes.plot(
-                        place + 0.03, edge_mm, arrow, color=gel.mark.colour, markersize=5, clip_on=False
-                    )
+            if gel.ci95_mm is not None:
+                draw_interval(axes, gel.ci95_mm, place + 0.03, gel.mark.colour, width=1.5, upright=True)
+            axes.plot(place + 0.03, gel.mean_mm, gel.mark.marker, color=gel.mark.colour, markersize=6)
     _explain_marks(axes, series)
     axes.set_xticks(range(len(series)), [gel.label for gel in series])
     axes.set(

@@ -62,9 +62,8 @@ def predict_miss_and_gap(state: SteeringState, settings: SteeringSettings) -> tu
     miss_mm = float(np.linalg.norm(frames.positions_mm[-1] - target_mm))
     if not obstacles_mm:
         return miss_mm, math.inf
-    touching_mm = np.array([obstacle.radius_mm for obstacle in problem.obstacles]) + problem.diameter_mm / 2
     apart_mm = path_distances(psi, radius_mm, np.array(centres_mm), frames)
-    return miss_mm, float((apart_mm - touching_mm).min())
+    return miss_mm, float((apart_mm - Surroundings(problem).needle_and_obstacle_mm).min())
 
 
 def _predict_start(state: SteeringState, settings: SteeringSettings) -> FloatArray:

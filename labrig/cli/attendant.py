@@ -78,10 +78,14 @@ class TerminalAttendant(Attendant):
     @contextmanager
     def watch(self) -> Iterator[Callable[[Path], None]]:
         """Show the run in a viewer, if that is asked for, which starts before the rig is opened."""
-        if self._viewer is None:
+        try:
+            follower = None if self._viewer is None else Follower(self._viewer)
+        except OSError as error:
+            follower = None
+            say(f"live view: it cannot be shown: {error.strerror}")
+        if follower is None:
             yield lambda _run: None
             return
-        follower = Follower(self._viewer)
         try:
             yield follower.follow
         except BaseException:

@@ -20,7 +20,7 @@ from labrig.experiments.registry import load_run_result
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import open_run
 from labrig.record.results import finish_result
-from tests.analysis.conftest import MeasuredRun, measure
+from tests.analysis.conftest import measure
 from tests.analysis.synthetic import (
     LENGTH_MM,
     SyntheticSweep,
@@ -39,7 +39,7 @@ def _raw_bytes(run: Path) -> dict[str, str]:
     }
 
 
-def test_each_radius_is_that_of_the_drawn_arc(measured: MeasuredRun) -> None:
+def test_each_radius_is_that_of_the_drawn_arc(measured):
     """Final pictures give the drawn radii within 0.05 mm, by gel, with the interval of the mean.
 
     Drawn means count every drawn radius, and the worst error is that of an accepted picture.
@@ -54,7 +54,7 @@ def test_each_radius_is_that_of_the_drawn_arc(measured: MeasuredRun) -> None:
     assert [gel.worst_error_mm for gel in (first, second)] == pytest.approx([0.0, 0.0], abs=0.05)
 
 
-def test_every_picture_of_the_needle_is_measured_and_no_other(measured: MeasuredRun) -> None:
+def test_every_picture_of_the_needle_is_measured_and_no_other(measured):
     """Pictures on the way enter no mean, the sheath alone is not measured, and one without a needle is refused."""
     content = measured.content
     found = [(one.role, one.accepted) for one in content.measurements]
@@ -68,7 +68,7 @@ def test_every_picture_of_the_needle_is_measured_and_no_other(measured: Measured
     assert content.damage == ()
 
 
-def test_a_result_that_cannot_be_written_leaves_no_folder(tmp_path: Path) -> None:
+def test_a_result_that_cannot_be_written_leaves_no_folder(tmp_path):
     """On a full disk the analysis fails, its folder is removed, and the next result takes its number."""
     run = record_sweep(tmp_path, SyntheticSweep(without_needle=frozenset({3})))
     for longest_bytes in (0, 5_000):
@@ -78,7 +78,7 @@ def test_a_result_that_cannot_be_written_leaves_no_folder(tmp_path: Path) -> Non
     assert measure(run).result.path.name == "001"
 
 
-def test_damage_is_named_and_the_batch_goes_on(tmp_path: Path) -> None:
+def test_damage_is_named_and_the_batch_goes_on(tmp_path):
     """No picture, one that is missing, one that was exchanged, one with a flipped bit; and states cut at their end."""
     run = record_sweep(tmp_path)
     files = [run.path / name for name in run.frame_table.loc[run.frame_table["role"] == "final", "file"]]
@@ -105,7 +105,7 @@ def test_damage_is_named_and_the_batch_goes_on(tmp_path: Path) -> None:
     assert found.mean_radius_mm is not None
 
 
-def test_the_result_is_the_same_for_any_number_of_workers(measured: MeasuredRun) -> None:
+def test_the_result_is_the_same_for_any_number_of_workers(measured):
     """Parallel work changes neither a digit nor the order, and progress is told after each picture."""
     updates: list[tuple[int, int]] = []
     parallel = measure(measured.run, workers=3, progress=lambda done, total: updates.append((done, total)))
@@ -116,7 +116,7 @@ def test_the_result_is_the_same_for_any_number_of_workers(measured: MeasuredRun)
         assert (parallel.result.path / name).read_bytes() == (measured.result.path / name).read_bytes()
 
 
-def test_workers_end_with_a_parent_that_was_killed(measured: MeasuredRun) -> None:
+def test_workers_end_with_a_parent_that_was_killed(measured):
     """After SIGKILL to the measuring process none of its workers is left waiting."""
     script = """
 import os, signal, sys
@@ -145,7 +145,7 @@ analyze_run(run, find_run_experiment(run), workers=2, progress=die, created=NOW,
         os.close(worker)
 
 
-def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(tmp_path: Path) -> None:
+def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(tmp_path):
     """Reanalysis numbers its result on, names its parent, and rewrites no raw byte; a copy beside them is no result.
 
     The newest is read, or the one asked for, as it was written.
@@ -166,7 +166,7 @@ def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(tmp_path
     assert (load_run_result(run, 1), load_run_result(run)) == (first, second)
 
 
-def test_a_damaged_result_is_refused_with_its_path(tmp_path: Path) -> None:
+def test_a_damaged_result_is_refused_with_its_path(tmp_path):
     """A result that was changed is not read, nor half of one that was cut or comes from a newer labrig."""
     run = record_sweep(tmp_path)
     result = measure(run).result
@@ -184,9 +184,7 @@ def test_a_damaged_result_is_refused_with_its_path(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kept", [(), ("frames",)])
-def test_damaged_centre_lines_are_refused_with_their_path(
-    kept: tuple[str, ...], measured: MeasuredRun, tmp_path: Path
-) -> None:
+def test_damaged_centre_lines_are_refused_with_their_path(kept, measured, tmp_path):
     """No archive, or one without some of its arrays."""
     file = tmp_path / "centre_lines.npz"
     file.write_bytes(b"PK")
@@ -206,14 +204,14 @@ def test_damaged_centre_lines_are_refused_with_their_path(
           for each in ("planner.method=paper", "policy.near_mm=0", "estimator=1", "planner.radius_mm_=30")),
     ],
 )  # fmt: skip
-def test_only_what_a_measurement_reads_can_be_overridden(record: str, override: str, words: str) -> None:
+def test_only_what_a_measurement_reads_can_be_overridden(record, override, words):
     """What the rig did cannot be changed afterwards; another planner would have steered another way."""
     run = open_run(Path(__file__).parents[1] / "records" / record)
     with pytest.raises((InputError, FileFormatError), match=words):
         measure(run, override)
 
 
-def test_an_analysis_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
+def test_an_analysis_that_cannot_begin_leaves_nothing(tmp_path):
     """Without a plane map there is no scale, and no empty result is left behind."""
     run = record_sweep(tmp_path, SyntheticSweep(plane=False))
     with pytest.raises(InputError, match=r"plane\.json"):
@@ -221,7 +219,7 @@ def test_an_analysis_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
     assert not (run.path / "analysis").exists()
 
 
-def test_tables_name_units_and_hold_every_picture(measured: MeasuredRun) -> None:
+def test_tables_name_units_and_hold_every_picture(measured):
     """tables.json lists each CSV file, its columns with their units, and its rows; pairs and budgets are split."""
     folder = measured.result.path
     listed = json.loads((folder / "tables.json").read_text(encoding="utf-8"))
@@ -253,14 +251,14 @@ def test_tables_name_units_and_hold_every_picture(measured: MeasuredRun) -> None
     assert all(name.endswith(("_mm", "_px")) for name in lengths)
 
 
-def test_a_name_that_looks_like_a_formula_stays_text_in_a_spreadsheet(tmp_path: Path) -> None:
+def test_a_name_that_looks_like_a_formula_stays_text_in_a_spreadsheet(tmp_path):
     """Cells that would begin a formula are marked as text."""
     sweep = SyntheticSweep(radii_mm={"=cmd()": (28.0,)}, gelatin_percent=(10.0,))
     result = measure(record_sweep(tmp_path, sweep)).result
     assert "'=cmd()" in (result.path / "specimens.csv").read_text()
 
 
-def test_centre_lines_lead_from_the_sheath_to_the_tip(measured: MeasuredRun) -> None:
+def test_centre_lines_lead_from_the_sheath_to_the_tip(measured):
     """The stored lines are those of the pictures, in mm and in pixels, with the window that was fitted."""
     lines = load_centre_lines(measured.result.path)
     frame = measured.content.measurements[2].frame
@@ -273,7 +271,7 @@ def test_centre_lines_lead_from_the_sheath_to_the_tip(measured: MeasuredRun) -> 
     assert radius == pytest.approx(28.0, abs=0.1)
 
 
-def test_the_result_names_what_it_rests_on(measured: MeasuredRun) -> None:
+def test_the_result_names_what_it_rests_on(measured):
     """Hashes of the inputs, code version, time and settings are in the result itself."""
     content = measured.content
     frames = (measured.run.path / "frames.jsonl").read_bytes()
@@ -288,7 +286,7 @@ def test_the_result_names_what_it_rests_on(measured: MeasuredRun) -> None:
     "sweep",
     [abort_sweep(SyntheticSweep()), SyntheticSweep(exit_status=None, without_final=frozenset({2, 3}))],
 )
-def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(tmp_path: Path, sweep: SyntheticSweep) -> None:
+def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(tmp_path, sweep):
     """Aborted and killed runs give the insertions that they have, and say which left no final picture.
 
     The torn last line of a killed process does not count as damage.
@@ -303,7 +301,7 @@ def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(tmp_path: Path, sw
     assert sum(specimen.without_final_picture for specimen in content.specimens) == len(sweep.without_final)
 
 
-def test_imported_pictures_have_measurements_and_no_specimens(tmp_path: Path) -> None:
+def test_imported_pictures_have_measurements_and_no_specimens(tmp_path):
     """Loose pictures are measured with the scale that was stated, and named by their own files."""
     run = record_import(tmp_path, (28.0, None))
     content = measure(run).content
@@ -314,7 +312,7 @@ def test_imported_pictures_have_measurements_and_no_specimens(tmp_path: Path) ->
     ]
 
 
-def test_a_run_without_pictures_has_an_empty_result(tmp_path: Path) -> None:
+def test_a_run_without_pictures_has_an_empty_result(tmp_path):
     """A run that stopped before its first picture has an empty result."""
     sweep = SyntheticSweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
     run = record_sweep(tmp_path, sweep)

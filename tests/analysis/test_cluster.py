@@ -51,7 +51,7 @@ def cluster() -> Iterator[LocalCluster]:
         yield started
 
 
-def test_a_cluster_has_the_results_of_one_process(cluster: LocalCluster) -> None:
+def test_a_cluster_has_the_results_of_one_process(cluster):
     """Results come in order; a worker that is killed in the middle costs nothing but time."""
     outcomes = []
     with open_cluster(cluster.scheduler_address, "squared") as pool:
@@ -63,7 +63,7 @@ def test_a_cluster_has_the_results_of_one_process(cluster: LocalCluster) -> None
     assert outcomes == [square(task) for task in range(200)]
 
 
-def test_a_cluster_measures_the_pictures_of_runs(cluster: LocalCluster, tmp_path: Path) -> None:
+def test_a_cluster_measures_the_pictures_of_runs(cluster, tmp_path):
     """The numbers are those of this computer alone."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
     alone = analyze_run(
@@ -77,7 +77,7 @@ def test_a_cluster_measures_the_pictures_of_runs(cluster: LocalCluster, tmp_path
         assert compare_results(alone.document, outcome.document).verdict is Verdict.IDENTICAL
 
 
-def test_a_worker_of_another_installation_is_refused(cluster: LocalCluster, tmp_path: Path) -> None:
+def test_a_worker_of_another_installation_is_refused(cluster, tmp_path):
     """A worker with other code is named with its first task."""
     shutil.copytree(ROOT / "labrig", tmp_path / "labrig", ignore=shutil.ignore_patterns("__pycache__"))
     with (tmp_path / "labrig" / "text.py").open("a") as file:
@@ -99,7 +99,7 @@ def test_a_worker_of_another_installation_is_refused(cluster: LocalCluster, tmp_
             other.terminate()
 
 
-def test_a_cluster_that_has_lost_every_worker_ends_the_work() -> None:
+def test_a_cluster_that_has_lost_every_worker_ends_the_work():
     """Tasks that nobody does are not waited for without end; those that were done came back before."""
     with (
         LocalCluster(n_workers=1, threads_per_worker=1, silence_logs=50, **_LOOPBACK) as started,
@@ -117,7 +117,7 @@ def test_a_cluster_that_has_lost_every_worker_ends_the_work() -> None:
 @pytest.mark.parametrize(
     ("workers", "message"), [(0, "has no worker after 0.1 s"), (2, "does 2 tasks at a time in one process")]
 )
-def test_a_cluster_without_fit_workers_is_refused(workers: int, message: str) -> None:
+def test_a_cluster_without_fit_workers_is_refused(workers, message):
     """No worker at all, or one that does several tasks at a time in one process, is named."""
     with (
         LocalCluster(
@@ -137,9 +137,7 @@ def test_a_cluster_without_fit_workers_is_refused(workers: int, message: str) ->
         ("tcp://127.0.0.1:1", MachineError, r"does not answer within 0\.2 s"),
     ],
 )  # fmt: skip
-def test_what_is_no_address_or_does_not_answer_is_refused(
-    place: str, error: type[Exception], message: str
-) -> None:
+def test_what_is_no_address_or_does_not_answer_is_refused(place, error, message):
     """An address has a host and a port, and a scheme that dask speaks; where nothing listens the wait has a limit."""
     with pytest.raises(error, match=message), open_cluster(place, "squared", answer_s=0.2):
         pass

@@ -3,7 +3,6 @@
 import math
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,7 +19,7 @@ def _compare(*runs: Path, **options: object) -> ComparedRuns:
     return compare_runs(measured, left_out, **options)  # type: ignore[arg-type]
 
 
-def test_only_final_and_accepted_measurements_count(tmp_path: Path) -> None:
+def test_only_final_and_accepted_measurements_count(tmp_path):
     """Pictures on the way are left out, refused and marked ones are counted as refused; the table keeps all apart."""
     radii = {SOFT: (28.0, 28.4, None, 35.0), HARD: (27.0, 27.2)}
     compared = _compare(write_measured_run(tmp_path, "a", radii, bad={3: "a bubble"}))
@@ -31,7 +30,7 @@ def test_only_final_and_accepted_measurements_count(tmp_path: Path) -> None:
     assert list(compared.table["left_out"].dropna()) == ["marked as bad: a bubble"]
 
 
-def test_insertions_into_one_block_are_no_independent_specimens(tmp_path: Path) -> None:
+def test_insertions_into_one_block_are_no_independent_specimens(tmp_path):
     """With a block in each group insertions are counted, and it is said what that is worth; with two, blocks are."""
     first = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})
     alone = _compare(first).comparison
@@ -44,7 +43,7 @@ def test_insertions_into_one_block_are_no_independent_specimens(tmp_path: Path) 
     assert soft.mean == pytest.approx((28.2 + 29.2) / 2)
 
 
-def test_a_specimen_with_a_file_is_one_block_in_all_runs(tmp_path: Path) -> None:
+def test_a_specimen_with_a_file_is_one_block_in_all_runs(tmp_path):
     """Two runs in the same block count one specimen; without its file, nothing says that it is the same."""
     runs = [
         write_measured_run(tmp_path, name, {SOFT: (28.0, 28.4), HARD: (27.0,)}, with_file=["gel A"])
@@ -54,9 +53,7 @@ def test_a_specimen_with_a_file_is_one_block_in_all_runs(tmp_path: Path) -> None
     assert (soft.specimens, soft.insertions, hard.specimens, hard.insertions) == (1, 4, 2, 2)
 
 
-def test_a_shared_error_stays_in_a_mean_and_cancels_in_a_difference_of_one_calibration(
-    tmp_path: Path,
-) -> None:
+def test_a_shared_error_stays_in_a_mean_and_cancels_in_a_difference_of_one_calibration(tmp_path):
     """Lens and plane cancel where they are the same, the roll of the needle where the run is, and fit is nowhere."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})
     b = write_measured_run(tmp_path, "b", {SOFT: (28.1, 28.3)}, needle_id="N2", plane=b'{"other": 1}')
@@ -81,7 +78,7 @@ def test_a_shared_error_stays_in_a_mean_and_cancels_in_a_difference_of_one_calib
     )
 
 
-def test_results_of_different_settings_are_told(tmp_path: Path) -> None:
+def test_results_of_different_settings_are_told(tmp_path):
     """Which setting differs, in which runs, and what was changed after a run."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)}, settings={"window_start_mm": 4.0})
     b = write_measured_run(
@@ -97,7 +94,7 @@ def test_results_of_different_settings_are_told(tmp_path: Path) -> None:
     assert "Result 1 of b has settings changed after the run: analysis.window_start_mm=6" in told
 
 
-def test_groups_can_be_made_by_any_field(tmp_path: Path) -> None:
+def test_groups_can_be_made_by_any_field(tmp_path):
     """By a column, an alias, a key of the protocol or the run; the default falls back on runs that are all alike."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})
     b = write_measured_run(tmp_path, "b", {SOFT: (28.1, 28.3)}, needle_id="N2")
@@ -123,16 +120,14 @@ def test_groups_can_be_made_by_any_field(tmp_path: Path) -> None:
         ({SOFT: (28.0, 28.4), HARD: (27.0, 27.2)}, {"quantity": "radius"}, "no quantity 'radius'"),
     ],
 )
-def test_nothing_to_compare_is_refused(
-    tmp_path: Path, radii: dict[Any, Any], options: dict[str, Any], message: str
-) -> None:
+def test_nothing_to_compare_is_refused(tmp_path, radii, options, message):
     """A single group, measurements of which none was accepted, and what no run has, with the nearest name."""
     with pytest.raises(InputError, match=message) as caught:
         _compare(write_measured_run(tmp_path, "a", radii), **options)
     assert not options or re.search("did you mean (needle|radius_mm)", caught.value.hint)
 
 
-def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path: Path) -> None:
+def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path):
     """Each is told; the other groups are tested, and equal values give no test that would divide by nothing."""
     radii = {SOFT: (28.0,), HARD: (27.0, 27.0), ("gel C", 13.0): (27.5, 27.9)}
     compared = _compare(write_measured_run(tmp_path, "a", radii)).comparison
@@ -144,7 +139,7 @@ def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path: Pa
     assert "All values are the same in N1, 19 % gelatin" in told
 
 
-def test_load_runs_gives_the_measurements_as_one_table(tmp_path: Path) -> None:
+def test_load_runs_gives_the_measurements_as_one_table(tmp_path):
     """A row for each final picture, refused ones too, with the time of its trial; a run without result is told."""
     write_measured_run(tmp_path, "a", {SOFT: (28.0, None)})
     write_measured_run(tmp_path, "b", {HARD: (27.0,)}, needle_id="N2")

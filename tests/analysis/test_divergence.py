@@ -38,9 +38,7 @@ REFUSED = [{"frame": 3, "reason": "4 mm are left out"}]
     ],
     ids=["stamp", "picture", "picture gone", "mean", "another sentence", "no sentence"],
 )  # fmt: skip
-def test_the_first_value_that_differs_is_named_with_its_picture(
-    old: dict[str, Any], new: dict[str, Any], first: Deviation | None, frame: int | None
-) -> None:
+def test_the_first_value_that_differs_is_named_with_its_picture(old, new, first, frame):
     """Time, parent, settings and the words of a sentence do not count as differences."""
     recorded, now = _document(**old), _document(**new)
     found = compare_results(recorded, now)

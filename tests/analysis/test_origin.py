@@ -43,7 +43,7 @@ def origins(
     return find_origins(lambda frame: pictures[frame // 2], lines, PLANE, sheath)
 
 
-def test_sheath_is_found_where_it_stands() -> None:
+def test_sheath_is_found_where_it_stands():
     """Tip, pixel and direction of each trial, with the travel that the encoder read, none refused."""
     for trial, origin in enumerate(origins([draw_sheath()] * 3, SheathOrigin())):
         assert origin.tip_mm == pytest.approx((0.0, 0.0), abs=0.05)
@@ -67,7 +67,7 @@ def test_sheath_is_found_where_it_stands() -> None:
         ({"turned_deg": 4.0}, ("4.0 degrees", "camera was turned")),
     ],
 )
-def test_the_first_trial_alone_can_be_refused(moved: dict[str, int], words: Sequence[str]) -> None:
+def test_the_first_trial_alone_can_be_refused(moved, words):
     """A slip, a bump and a turn are told apart; across, 0.7 mm is play; without limits nothing is refused."""
     image = draw_sheath(**moved)
     (only,) = origins([image], SheathOrigin())
@@ -80,14 +80,14 @@ def test_the_first_trial_alone_can_be_refused(moved: dict[str, int], words: Sequ
     assert origins([image])[0].accepted
 
 
-def test_the_depth_that_belongs_to_the_origin_may_be_another_than_the_sheaths() -> None:
+def test_the_depth_that_belongs_to_the_origin_may_be_another_than_the_sheaths():
     """With the origin named for a depth of 16 mm the tip is expected a millimetre before it at 15 mm."""
     (only,) = origins([draw_sheath(-10)], SheathOrigin(depth_mm=16.0))
     assert only.accepted
     assert only.expected_mm == pytest.approx((0.0, -1.0))
 
 
-def test_sheath_that_stands_elsewhere_than_its_encoder_says_is_refused() -> None:
+def test_sheath_that_stands_elsewhere_than_its_encoder_says_is_refused():
     """The trial is named with the distance, and its radii are refused with the reason; the others are kept."""
     found = origins([draw_sheath(round(along * PX_PER_MM)) for along in (0.0, 2.0, 0.0, 0.0)])
     assert [origin.accepted for origin in found] == [True, False, True, True]
@@ -103,16 +103,14 @@ def test_sheath_that_stands_elsewhere_than_its_encoder_says_is_refused() -> None
     [((4, 4, 4, -3, 4), (15.0,) * 5, 3), ((0, 20, 0, 0), (15.0, 17.0, 15.0, 15.0), None)],
     ids=["all but one stand beyond a zero set by eye", "it went as far as its encoder says"],
 )
-def test_a_slip_is_found_by_the_other_trials_and_another_travel_is_none(
-    along_px: tuple[int, ...], linear_mm: tuple[float, ...], refused: int | None
-) -> None:
+def test_a_slip_is_found_by_the_other_trials_and_another_travel_is_none(along_px, linear_mm, refused):
     """Of sheaths 0.4 mm beyond the origin one 0.3 mm short of it has slipped; another travel is expected."""
     found = origins([draw_sheath(along) for along in along_px], SheathOrigin(), linear_mm)
     assert [origin.accepted for origin in found] == [number != refused for number in range(len(found))]
     assert refused is None or "the other trials" in (found[refused].reason or "")
 
 
-def test_sheath_that_is_not_seen_is_said_so() -> None:
+def test_sheath_that_is_not_seen_is_said_so():
     """A trial without a visible sheath has a reason in place of an origin, and its radius is not refused."""
     found = origins([np.full(SIZE[::-1], 160, np.uint8)])
     assert not found[0].accepted
@@ -120,7 +118,7 @@ def test_sheath_that_is_not_seen_is_said_so() -> None:
     assert complete_picture(picture(0), found[0], None).accepted
 
 
-def test_tip_is_told_from_the_origin_of_its_trial() -> None:
+def test_tip_is_told_from_the_origin_of_its_trial():
     """The tip is relative to the pose of its trial's sheath; an imported picture uses its own sheath."""
     (found,) = origins([draw_sheath(20, turned_deg=3.0)])
     heading = found.heading_rad
@@ -142,9 +140,7 @@ def test_tip_is_told_from_the_origin_of_its_trial() -> None:
     st.tuples(*[st.floats(-50, 50)] * 2),
     st.floats(-1.5, 1.5),
 )
-def test_distances_are_the_same_from_every_origin(
-    point: tuple[float, float], origin: tuple[float, float], heading: float
-) -> None:
+def test_distances_are_the_same_from_every_origin(point, origin, heading):
     """Another frame changes no length, and the origin of its own frame is zero."""
     shifted = to_origin_frame(point, origin, heading)
     assert np.hypot(*shifted) == pytest.approx(np.hypot(point[0] - origin[0], point[1] - origin[1]), abs=1e-9)

@@ -42,7 +42,7 @@ def radius(**known: object) -> PictureResult:
     return picture(0).model_copy(update=values)
 
 
-def test_drift_becomes_an_error_bar() -> None:
+def test_drift_becomes_an_error_bar():
     """A drift of 0.2 % widens sigma and interval, and leaves the radius unchanged."""
     sentinel = run_with(PX_PER_MM * 1.002)
     assert sentinel.drift == pytest.approx(0.002, abs=2e-4)
@@ -69,9 +69,7 @@ HALVED = PlaneMap.from_scale(PX_PER_MM / 2.0, (0.0, 0.0), "right", (800, 600))
     ],
     ids=["bumped", "wrong map", "no paper"],
 )
-def test_what_the_paper_contradicts_refuses_every_radius(
-    plane: PlaneMap, before: Picture, after: Picture, words: str
-) -> None:
+def test_what_the_paper_contradicts_refuses_every_radius(plane, before, after, words):
     """Another scale after the run, another one than the map's, or no grid: the reason is at each picture."""
     sentinel = compare_grid_pictures(lambda frame: after if frame else before, LINES, plane, 1.0)
     assert not sentinel.accepted
@@ -82,7 +80,7 @@ def test_what_the_paper_contradicts_refuses_every_radius(
     assert words in (refused.reason or "")
 
 
-def test_run_without_both_pictures_is_told_so() -> None:
+def test_run_without_both_pictures_is_told_so():
     """An aborted run without the second picture is not refused; the result states that the drift is unknown."""
     sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES[:1], PLANE, 1.0)
     assert sentinel.drift is None

@@ -31,9 +31,7 @@ GAMES_HOWELL = {(0, 1): 0.4745549222, (0, 2): 0.1128891769, (1, 2): 0.0237034547
     ("values", "mean", "sd", "half"),
     [((1.0, 2.0, 3.0), 2.0, 1.0, 2.4841), ((28.3,), 28.3, None, None), ((), None, None, None)],
 )
-def test_a_spread_is_that_of_the_tables(
-    values: tuple[float, ...], mean: float | None, sd: float | None, half: float | None
-) -> None:
+def test_a_spread_is_that_of_the_tables(values, mean, sd, half):
     """1, 2, 3: t(0.975, 2) = 4.303 puts the interval at 2 -+ 2.484; a single value has no spread, and none no mean."""
     found = compute_spread(values)
     assert (found.n, found.mean, found.sd) == (len(values), mean, sd)
@@ -42,7 +40,7 @@ def test_a_spread_is_that_of_the_tables(
 
 
 @given(st.lists(st.floats(10.0, 100.0), min_size=2, max_size=40), st.floats(-5.0, 5.0))
-def test_a_common_error_moves_the_mean_and_leaves_the_spread(values: list[float], shift: float) -> None:
+def test_a_common_error_moves_the_mean_and_leaves_the_spread(values, shift):
     """An error common to all values does not widen the interval."""
     found, moved = compute_spread(values), compute_spread([value + shift for value in values])
     assert found.mean is not None
@@ -50,7 +48,7 @@ def test_a_common_error_moves_the_mean_and_leaves_the_spread(values: list[float]
     assert moved.sd == pytest.approx(found.sd, abs=1e-6)
 
 
-def test_the_interval_covers_as_often_as_it_says() -> None:
+def test_the_interval_covers_as_often_as_it_says():
     """The 95 % intervals of 4000 samples of 18 normal radii hold the true mean in 95 % of cases, within 1.5 %."""
     random = np.random.default_rng(20260)
     samples = random.normal(27.6, 0.4, (4000, 18))
@@ -61,13 +59,13 @@ def test_the_interval_covers_as_often_as_it_says() -> None:
     assert covered / 4000 == pytest.approx(0.95, abs=0.015)
 
 
-def test_the_roll_moves_both_ends_of_an_interval_where_the_camera_is_known() -> None:
+def test_the_roll_moves_both_ends_of_an_interval_where_the_camera_is_known():
     """Perspective is linear in the roll; its share is independent of the scatter, and shared by all insertions."""
     low, high = add_roll_uncertainty((28.0, 28.4), 2.0, 0.15) or (0.0, 0.0)
     assert (low, high) == pytest.approx((28.2 - math.hypot(0.2, 0.294), 28.2 + math.hypot(0.2, 0.294)))
 
 
-def test_without_a_camera_the_roll_moves_the_lower_end_of_an_interval_only() -> None:
+def test_without_a_camera_the_roll_moves_the_lower_end_of_an_interval_only():
     """At two degrees the radius may be smaller by 1 - cos(1.96 x 2 degrees), 0.23 %; a known roll changes nothing."""
     assert add_roll_uncertainty((28.0, 28.4), 2.0) == pytest.approx((28.0 * 0.99766, 28.4), abs=1e-3)
     assert add_roll_uncertainty((28.0, 28.4), 0.0) == (28.0, 28.4)
@@ -75,7 +73,7 @@ def test_without_a_camera_the_roll_moves_the_lower_end_of_an_interval_only() -> 
 
 
 @pytest.mark.processors
-def test_public_data_give_the_published_results() -> None:
+def test_public_data_give_the_published_results():
     """Welch's F, degrees of freedom and p, and p of pairs, are those of pingouin; an interval of a pair is scipy's."""
     welch = compare_means(GROWTH)
     assert welch is not None
@@ -90,7 +88,7 @@ def test_public_data_give_the_published_results() -> None:
         assert pairs[a, b].ci95 == pytest.approx((low[a, b], high[a, b]), rel=1e-5)
 
 
-def test_too_little_gives_no_test() -> None:
+def test_too_little_gives_no_test():
     """Values without a spread are refused and not divided by."""
     assert compare_means([[1.0, 2.0]]) is None
     assert compare_means([[1.0, 2.0], [3.0, 3.0]]) is None

@@ -33,9 +33,7 @@ def load_sweep(path: Path) -> SteerabilityProtocol:
         ({"tube": {"outer_diameter_mm": 1.4}}, "inner_diameter_mm is missing"),
     ],
 )
-def test_a_file_that_is_no_design_is_refused_at_its_line(
-    changed: dict[str, object], words: str, tmp_path: Path
-) -> None:
+def test_a_file_that_is_no_design_is_refused_at_its_line(changed, words, tmp_path):
     """Another kind, a newer version, a wrong or missing value: each names the file, its line and the key."""
     path = write_design(tmp_path / "n2.json", **changed)
     with pytest.raises(FileFormatError, match=r"n2\.json:\d+:\d+") as refused:
@@ -43,7 +41,7 @@ def test_a_file_that_is_no_design_is_refused_at_its_line(
     assert words in refused.value.message
 
 
-def test_a_needle_takes_its_numbers_from_the_design_that_it_names(tmp_path: Path) -> None:
+def test_a_needle_takes_its_numbers_from_the_design_that_it_names(tmp_path):
     """Diameter and radius are the design's, and the tolerance and the file's hash stand beside them."""
     file = write_design(tmp_path / "designs" / "n2.json")
     protocol = load_sweep(sweep_with(tmp_path / "protocols", LINE))
@@ -57,7 +55,7 @@ def test_a_needle_takes_its_numbers_from_the_design_that_it_names(tmp_path: Path
     assert load_text(dump_yaml(protocol)) == protocol, "a record needs the file no more"
 
 
-def test_a_design_can_be_set_for_one_run(tmp_path: Path) -> None:
+def test_a_design_can_be_set_for_one_run(tmp_path):
     """--set gives a whole needle that names a design, relative to the protocol."""
     write_design(tmp_path / "designs" / "n2.json")
     path = sweep_with(tmp_path / "protocols", "  diameter_mm: 1.2\n  design_radius_mm: 30\n")
@@ -85,7 +83,7 @@ def test_a_design_can_be_set_for_one_run(tmp_path: Path) -> None:
         ("  design_file: ../designs/thick.json\n", "must be above needle.diameter_mm, 2.5"),
     ],
 )
-def test_a_design_that_cannot_be_used_is_refused_at_its_line(lines: str, words: str, tmp_path: Path) -> None:
+def test_a_design_that_cannot_be_used_is_refused_at_its_line(lines, words, tmp_path):
     """Numbers beside it, names out of reach, and files that are no design are told with line, key and hint."""
     top = tmp_path / "top"
     write_design(top / "designs" / "n2.json")

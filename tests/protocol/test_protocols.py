@@ -59,7 +59,7 @@ def test_the_calibration_protocol_shows_the_gel_that_it_could_correct():
         ("{index: 1.35, depth_mm: 10, layers: [{index: wood, thickness_mm: 3}]}", "plane.gel.layers.0.index"),
     ],
 )
-def test_a_gel_that_cannot_be_is_refused_at_its_key(gel: str, key: str):
+def test_a_gel_that_cannot_be_is_refused_at_its_key(gel, key):
     """Before a picture is taken: index from 1 to 2, depth from 0, both together, paper at a place that is known."""
     text = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")
     with pytest.raises(FileFormatError) as caught:
@@ -88,9 +88,7 @@ def test_an_import_may_know_neither_radius_nor_sheath_nor_scale():
 
 
 @given(st.floats(1.0, 300.0), st.floats(2.0, 1000.0))
-def test_the_lateral_reach_never_exceeds_the_length_or_the_diameter_of_the_circle(
-    length_mm: float, radius_mm: float
-):
+def test_the_lateral_reach_never_exceeds_the_length_or_the_diameter_of_the_circle(length_mm, radius_mm):
     """No needle strays further than it is long, nor beyond the far side of its circle."""
     insertion = STEERABILITY.insertion.model_copy(update={"length_mm": length_mm})
     needle = STEERABILITY.needle.model_copy(update={"design_radius_mm": radius_mm})
@@ -100,9 +98,7 @@ def test_the_lateral_reach_never_exceeds_the_length_or_the_diameter_of_the_circl
 
 
 @given(st.integers(1, 40), st.floats(1.5, 40.0), st.floats(10.0, 400.0))
-def test_a_block_is_accepted_exactly_if_its_holes_and_the_last_arc_fit(
-    count: int, spacing_mm: float, width_mm: float
-):
+def test_a_block_is_accepted_exactly_if_its_holes_and_the_last_arc_fit(count, spacing_mm, width_mm):
     """The rule is the geometry, at every size."""
     overrides = [
         f"insertions_per_specimen={count}",

@@ -17,13 +17,13 @@ from tests.protocol.specimens import make_track, sweep_in, write_specimen
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_committed_schema_is_that_of_the_model() -> None:
+def test_the_committed_schema_is_that_of_the_model():
     """data/specimens/specimen.schema.json is what labrig init writes."""
     committed = ROOT / "data" / "specimens" / "specimen.schema.json"
     assert committed.read_text(encoding="utf-8") == schema_text(specimen_schema())
 
 
-def test_a_gel_has_what_its_specimen_file_says(tmp_path: Path) -> None:
+def test_a_gel_has_what_its_specimen_file_says(tmp_path):
     """Name, gelatin and age come from the file beside the protocol, with its SHA-256; a record of it reads the same."""
     file = write_specimen(tmp_path, lines="batch: B7\n")
     protocol = load_protocol(sweep_in(tmp_path, "specimen_file: A1"), PROTOCOL_MODELS)
@@ -49,9 +49,7 @@ def test_a_gel_has_what_its_specimen_file_says(tmp_path: Path) -> None:
         ("{gelatin_percent: 10}", "name is missing"),
     ],
 )
-def test_a_gel_that_does_not_fit_its_specimen_is_refused_at_its_line(
-    gel: str, words: str, tmp_path: Path
-) -> None:
+def test_a_gel_that_does_not_fit_its_specimen_is_refused_at_its_line(gel, words, tmp_path):
     """Another ratio or name, an unknown specimen and a name that is a path: each with line, column and hint."""
     write_specimen(tmp_path)
     with pytest.raises(FileFormatError, match=r"sweep\.yaml:\d+:\d+ specimens\.0") as refused:
@@ -69,7 +67,7 @@ def test_a_gel_that_does_not_fit_its_specimen_is_refused_at_its_line(
         ("experiment: steerability\n", "this is a protocol, expected a specimen file"),
     ],
 )
-def test_a_malformed_specimen_file_is_refused_at_its_line(lines: str, words: str, tmp_path: Path) -> None:
+def test_a_malformed_specimen_file_is_refused_at_its_line(lines, words, tmp_path):
     """Times in the wrong order or without a zone, a spread without its value, and another kind of file."""
     path = write_specimen(tmp_path, lines=lines)
     with pytest.raises(FileFormatError, match=r"A1\.yaml:\d+:\d+") as refused:
@@ -77,7 +75,7 @@ def test_a_malformed_specimen_file_is_refused_at_its_line(lines: str, words: str
     assert words in refused.value.message
 
 
-def test_a_file_under_another_name_or_elsewhere_is_refused(tmp_path: Path) -> None:
+def test_a_file_under_another_name_or_elsewhere_is_refused(tmp_path):
     """A copied file with the old block's name would keep the tracks of both; a link does not leave the folder."""
     path = write_specimen(tmp_path)
     path.with_name("A3.yaml").symlink_to(write_specimen(tmp_path / "elsewhere", "A3"))
@@ -88,7 +86,7 @@ def test_a_file_under_another_name_or_elsewhere_is_refused(tmp_path: Path) -> No
         load_specimen("A2", [path.parent])
 
 
-def test_a_record_can_hold_as_many_tracks_as_are_allowed(tmp_path: Path) -> None:
+def test_a_record_can_hold_as_many_tracks_as_are_allowed(tmp_path):
     """A protocol with the most tracks, of runs with the longest names, is small enough to be read again."""
     write_specimen(tmp_path)
     protocol = load_protocol(sweep_in(tmp_path, "specimen_file: A1"), PROTOCOL_MODELS)

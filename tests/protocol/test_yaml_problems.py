@@ -76,9 +76,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("old", "new", "key", "message", "hint", "line"), [(*row, "")[:6] for row in WRONG])
-def test_a_wrong_value_is_told_with_place_value_limit_and_hint(
-    old: str, new: str, key: str, message: str, hint: str, line: str
-):
+def test_a_wrong_value_is_told_with_place_value_limit_and_hint(old, new, key, message, hint, line):
     """One fault gives one problem at its line, in words that say what to write instead."""
     base = STEERABILITY if old in STEERABILITY else CALIBRATION
     text = change(old, new, base)
@@ -124,7 +122,7 @@ def test_a_file_with_hundreds_of_faults_tells_the_first_fifty():
     assert caught.value.problems[-1].message == "and 150 more problems like these"
 
 
-def test_the_error_names_the_file_as_it_was_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_error_names_the_file_as_it_was_given(tmp_path, capsys):
     """Where a file was loaded from is part of each place, and loading prints nothing."""
     path = tmp_path / "my protocol.yaml"
     path.write_text(change("seed: 20260", "seed: -1"), encoding="utf-8")
@@ -187,7 +185,7 @@ BENCHES = [
 
 
 @pytest.mark.parametrize(("text", "where", "message", "hint"), BENCHES)
-def test_models_of_other_rooms_are_explained_as_well(text: str, where: str, message: str, hint: str):
+def test_models_of_other_rooms_are_explained_as_well(text, where, message, hint):
     """Sections of several kinds, maps, switches and unions are told in the same words."""
     with pytest.raises(FileFormatError) as caught:
         validate_tree(read_tree(text, "rig.yaml"), BenchModel)

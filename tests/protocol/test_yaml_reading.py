@@ -1,7 +1,6 @@
 """YAML text -> values: the core schema of YAML 1.2, bounded; anything else is a FileFormatError."""
 
 import math
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -57,7 +56,7 @@ def only_problem(text: str):
         ("[1, {b: c}]", [1, {"b": "c"}]),
     ],
 )
-def test_scalars_are_those_of_yaml_1_2(text: str, value: object):
+def test_scalars_are_those_of_yaml_1_2(text, value):
     """A scalar means what YAML 1.2 says, nothing that YAML 1.1 adds: `no` is a word, and a date is a text."""
     found = value_of(text)
     assert found == value
@@ -93,7 +92,7 @@ def test_what_the_model_refuses_by_name_is_read():
         ("? " * 5000, f"x.yaml:1:{1 + 2 * (MAX_DEPTH + 1)}", "maximum depth"),
     ],
 )
-def test_what_is_no_yaml_is_told_with_line_and_column(text: str, where: str, message: str):
+def test_what_is_no_yaml_is_told_with_line_and_column(text, where, message):
     """A text that cannot be read gives one problem at the line and column where it goes wrong."""
     problem = only_problem(text)
     assert problem.where == where
@@ -123,7 +122,7 @@ def test_duplicate_keys_tags_and_keys_that_are_no_words_are_gathered():
 
 
 @given(st.text(alphabet="ab:-?[]{}&*!|>'\"%@#,\\ \n\t0.~<\x00\x85\ud800é", max_size=60))
-def test_any_text_is_read_or_refused(text: str):
+def test_any_text_is_read_or_refused(text):
     """Whatever stands in a file gives a model or a FileFormatError with a place and a sentence."""
     problems: tuple[Problem, ...] = ()
     try:
@@ -144,9 +143,7 @@ def test_any_text_is_read_or_refused(text: str):
         ("a\0b", "cannot be read", ""),
     ],
 )
-def test_a_file_that_cannot_be_read_is_told_with_a_hint(
-    name: str, message: str, hint: str, tmp_path: Path
-) -> None:
+def test_a_file_that_cannot_be_read_is_told_with_a_hint(name, message, hint, tmp_path):
     """A wrong name, a folder, other bytes, a recording given by mistake: a sentence, and what was probably meant."""
     (tmp_path / "steerability.yaml").write_text("a: 1\n")
     (tmp_path / "bytes.yaml").write_bytes(b"\xef\xbb\xbfa: 1\n# \xc3\xa9 \xff\n")
@@ -160,7 +157,7 @@ def test_a_file_that_cannot_be_read_is_told_with_a_hint(
         assert problem.where == f"{tmp_path / name}:2:5"
 
 
-def test_a_byte_order_mark_is_no_part_of_the_first_key(tmp_path: Path):
+def test_a_byte_order_mark_is_no_part_of_the_first_key(tmp_path):
     """Files saved by editors that write a byte order mark load."""
     path = tmp_path / "x.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\n")

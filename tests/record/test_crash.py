@@ -81,9 +81,7 @@ def count_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 @pytest.mark.parametrize("failure", [Cut(), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))])
-def test_a_cut_or_a_full_disk_at_any_call_loses_nothing_acknowledged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException
-) -> None:
+def test_a_cut_or_a_full_disk_at_any_call_loses_nothing_acknowledged(tmp_path, monkeypatch, failure):
     """After it the run is none yet, or can be read, continued from there, and closed; a refused call is told."""
     cut = isinstance(failure, Cut)
     for number in range(1, count_calls(tmp_path, monkeypatch) + 1):
@@ -110,7 +108,7 @@ def test_a_cut_or_a_full_disk_at_any_call_loses_nothing_acknowledged(
         assert not cut or not [path for path in run.rglob(".*") if path.suffix == ".tmp"]
 
 
-def test_a_torn_last_line_is_dropped(tmp_path: Path) -> None:
+def test_a_torn_last_line_is_dropped(tmp_path):
     """By every reader; a run that goes on continues behind the last whole line."""
     recorder = record(tmp_path, [])
     for name in ("events.jsonl", "states.jsonl", "frames.jsonl", "truth.jsonl"):
@@ -146,7 +144,7 @@ for number in count():
 
 
 @pytest.mark.parametrize("wanted", [3, 40])
-def test_a_killed_process_loses_nothing_acknowledged(tmp_path: Path, wanted: int) -> None:
+def test_a_killed_process_loses_nothing_acknowledged(tmp_path, wanted):
     """SIGKILL in earnest, and the lock is free afterwards."""
     with subprocess.Popen(
         [sys.executable, "-c", WRITER, tmp_path], cwd=ROOT, stdout=subprocess.PIPE, text=True

@@ -22,13 +22,18 @@ RADIUS_MM = 27.6
         (True, [(math.pi, 3.1)], [(3.06, 0.0)], 0.346),
         (True, [(math.pi, 3.5)], [(3.5, math.pi)], 0.0),
         (True, [(0.0, 4.0), (math.pi, 8.0)], [(3.82, 0.0), (8.16, math.pi)], 0.104),
+        # a first arc as short as the finest that is tried
+        (
+            False,
+            [(math.pi / 2, 1.334), (math.pi / 2, 40.0)],
+            [(1.334, math.pi / 2), (40.0, math.pi / 2)],
+            0.0,
+        ),
         # to go on and then turn comes nearly there with a turn less
         (False, [(math.pi, 4.0), (math.pi, 8.0)], [(2.97, 0.0), (9.03, math.pi)], 0.056),
     ],
 )
-def test_the_tip_comes_as_near_as_a_turn_is_worth(
-    planar: bool, target: list[tuple[float, float]], expected: list[tuple[float, float]], miss_mm: float
-) -> None:
+def test_the_tip_comes_as_near_as_a_turn_is_worth(planar, target, expected, miss_mm):
     """Targets at the ends of paths of arcs (roll, length) are reached by arcs (length, roll), or nearly reached."""
     end_mm = integrate_path([(roll, length / RADIUS_MM) for roll, length in target], RADIUS_MM)[-1]
     problem = PlanProblem(tuple(end_mm), radius_mm=RADIUS_MM, planar=planar)
@@ -39,7 +44,7 @@ def test_the_tip_comes_as_near_as_a_turn_is_worth(
 
 
 @pytest.mark.parametrize(("beside_mm", "free"), [(3.19, False), (3.21, True)])
-def test_what_comes_too_near_to_an_obstacle_does_not_count(beside_mm: float, free: bool) -> None:
+def test_what_comes_too_near_to_an_obstacle_does_not_count(beside_mm, free):
     """Beside half the needle's 1.2 mm and a sphere of 2 mm it keeps its clearance off."""
     sphere = Obstacle((beside_mm, 0.0, 0.0), 2.0)
     problem = PlanProblem((0.0, 0.0, 6.0), (sphere,), radius_mm=RADIUS_MM, clearance_mm=0.6, planar=False)

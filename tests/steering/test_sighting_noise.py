@@ -1,6 +1,7 @@
 """Noise of sightings and backlash, measured from the sightings; the NIS as an alarm both ways."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import chain
 
 import numpy as np
@@ -27,6 +28,7 @@ STATED = SteeringSettings(
 TRUE_BACKLASH_MM = 2.0
 
 
+@cache
 def see(sigma_mm: float, seed: int) -> SeenInsertion:
     """Drive a needle with a backlash that the policy does not know, and see its tip with this noise."""
     needle = DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=TRUE_BACKLASH_MM)
@@ -56,7 +58,7 @@ def test_the_backlash_is_measured() -> None:
 
 def test_too_few_sightings_tell_nothing() -> None:
     """Fewer than twenty sightings give no noise, and one turn no backlash."""
-    short = SeenInsertion(begin_steering(STATED), see(0.03, 1).way[:10])
+    short = SeenInsertion(begin_steering(STATED), see(0.03, 2).way[:10])
     assert measure_sighting_sd([short], STATED) is None
     assert measure_backlash([short], STATED) is None
     assert measure_noise([], [2.0] * 19, STATED) is None

@@ -46,12 +46,6 @@ def test_the_error_of_the_slip_tells_its_size() -> None:
     assert 0.5 < np.mean(ratios) < 1.6
 
 
-def test_without_slip_nothing_is_estimated() -> None:
-    """The seven errors of before, and no slip."""
-    state = follow(insert(1, planar=True), settings(planar=True))[-1]
-    assert (state.covariance.shape, state.slip) == ((SLIP, SLIP), 0.0)
-
-
 def test_how_a_slip_moves_the_tip_is_the_derivative() -> None:
     """The covariance of slip with position and heading is that of central differences."""
     pose, step_mm, small = np.eye(4), 4.0, 1e-5

@@ -33,7 +33,7 @@ def _search(off_rad: float, misses: int, sd_mm: float = 0.2) -> TipSearched:
 
 
 @pytest.mark.processors
-def test_a_tip_that_points_elsewhere_is_found_again_after_two_misses() -> None:
+def test_a_tip_that_points_elsewhere_is_found_again_after_two_misses():
     """After two misses every heading is tried, so that a tip deflected by a cavity is found."""
     assert _search(0.0, misses=0).position_mm is not None
     assert _search(math.radians(25), misses=0).position_mm is None
@@ -50,8 +50,6 @@ def test_a_tip_that_points_elsewhere_is_found_again_after_two_misses() -> None:
         (0.01, 17, 67 * 1.6**16),
     ],
 )
-def test_the_less_is_known_of_a_tip_the_wider_it_is_searched_for(
-    sd_mm: float, misses: int, region_px: float
-) -> None:
+def test_the_less_is_known_of_a_tip_the_wider_it_is_searched_for(sd_mm, misses, region_px):
     """Beyond the template's 43 px, by four standard deviations and 12 px at least; more, the longer it is unseen."""
     assert _search(0.0, misses, sd_mm).region_px == pytest.approx(region_px, rel=1e-4)

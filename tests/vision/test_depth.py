@@ -78,7 +78,7 @@ def measure(
 
 
 @pytest.mark.parametrize("x_mm", [-6.0, 0.0, 6.0])
-def test_depth_is_read_from_width_and_length(x_mm: float) -> None:
+def test_depth_is_read_from_width_and_length(x_mm):
     """Where little is known before, the picture tells the end's depth within three of its standard deviations."""
     depth = measure(deep(x_mm=x_mm), 5.0)
     assert depth is not None
@@ -88,7 +88,7 @@ def test_depth_is_read_from_width_and_length(x_mm: float) -> None:
 
 
 @pytest.mark.processors
-def test_a_needle_that_left_the_plane_contradicts_what_was_known() -> None:
+def test_a_needle_that_left_the_plane_contradicts_what_was_known():
     """A needle that looks 8 mm behind the plane where 0.5 mm were expected contradicts; the picture counts then."""
     left, kept = measure(deep(x_mm=8.0), 0.5), measure(deep(), 0.5)
     assert left is not None
@@ -99,7 +99,7 @@ def test_a_needle_that_left_the_plane_contradicts_what_was_known() -> None:
 
 
 @pytest.mark.processors
-def test_slip_is_not_taken_for_depth() -> None:
+def test_slip_is_not_taken_for_depth():
     """A needle whose tip lags behind by 1 % of its length is still where it is."""
     depth = measure(deep(), 2.0, inserted_mm=101.0)
     assert depth is not None
@@ -109,9 +109,7 @@ def test_slip_is_not_taken_for_depth() -> None:
 
 @pytest.mark.parametrize(("slip", "zero_mm"), [(0.0, 0.0), (0.01, 0.0), (0.01, 0.4)])
 @pytest.mark.parametrize("x_mm", [-3.0, 0.0, 3.0])
-def test_where_the_tip_was_seen_on_the_way_tells_depth_from_slip(
-    x_mm: float, slip: float, zero_mm: float
-) -> None:
+def test_where_the_tip_was_seen_on_the_way_tells_depth_from_slip(x_mm, slip, zero_mm):
     """The end is known twice as well then, within three standard deviations; a tip seen beside the shaft is none."""
     needle = deep(x_mm=x_mm)
     seen = needle.path_mm()[:: round(2.0 / STEP_MM)]
@@ -126,7 +124,7 @@ def test_where_the_tip_was_seen_on_the_way_tells_depth_from_slip(
     assert depth.x_mm == pytest.approx(x_mm, abs=3 * depth.sd_mm)
 
 
-def test_rough_edges_and_short_needles_tell_no_depth() -> None:
+def test_rough_edges_and_short_needles_tell_no_depth():
     """Widths that scatter by 5 %, as in photographs before ruled paper, tell nothing; 15 mm have too few of them."""
     assert measure(deep(rough=0.05), 5.0) is None
     assert measure(deep(15.0), 5.0) is None

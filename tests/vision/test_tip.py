@@ -1,7 +1,6 @@
 """The tip by a template: where it is found, and what is refused."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 from labrig.errors import FileFormatError, InputError, PictureError
-from labrig.protocol.model import Direction
 from labrig.vision.template import TipTemplate, load_template, save_template
 from labrig.vision.tip import locate_tip
 from tests.vision.renderer import Gel
@@ -24,7 +22,7 @@ def _off_px(found: tuple[float, float] | None, px: tuple[float, float]) -> float
 
 
 @pytest.mark.processors
-def test_a_tip_is_found_to_a_tenth_of_a_pixel_with_its_heading_known_within_five_degrees() -> None:
+def test_a_tip_is_found_to_a_tenth_of_a_pixel_with_its_heading_known_within_five_degrees():
     """At noise 3 the error is at most 0.1 px rms along each axis, wherever the needle heads."""
     random = np.random.default_rng(0)
     errors = []
@@ -40,7 +38,7 @@ def test_a_tip_is_found_to_a_tenth_of_a_pixel_with_its_heading_known_within_five
 
 
 @pytest.mark.processors
-def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
+def test_a_bevel_turned_over_is_found_by_the_mirrored_template():
     """A template taken at roll 0 serves at roll pi, even if there is no glint there."""
     shown = tip(0.3, 4, over=True)
     fix = locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.3, roll_rad=math.pi)
@@ -50,9 +48,7 @@ def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
 @pytest.mark.parametrize(
     ("insertion", "turn"), [("down", -0.5), ("left", 1.0), ("up", 0.5), (None, 0.0)], ids=str
 )
-def test_a_template_serves_whichever_way_the_insertion_points(
-    insertion: Direction | None, turn: float
-) -> None:
+def test_a_template_serves_whichever_way_the_insertion_points(insertion, turn):
     """The heading is relative to another direction of insertion; where nothing is predicted all is searched."""
     shown = tip(0.4, 5)
     hint: dict[str, Any] = {}
@@ -66,7 +62,7 @@ def test_a_template_serves_whichever_way_the_insertion_points(
     assert _off_px(fix.tip_px, shown.px) < (0.2 if insertion else 0.3)
 
 
-def test_pixels_in_colour_say_the_same_as_in_grey() -> None:
+def test_pixels_in_colour_say_the_same_as_in_grey():
     """A blue-green-red picture is converted to grey."""
     shown = tip(0.2, 6)
     pictures = (shown.picture, np.repeat(shown.picture[..., None], 3, axis=-1))
@@ -75,7 +71,7 @@ def test_pixels_in_colour_say_the_same_as_in_grey() -> None:
 
 
 @pytest.mark.parametrize("level", [0, 128, 255, None])
-def test_a_picture_without_a_needle_shows_no_tip(level: int | None) -> None:
+def test_a_picture_without_a_needle_shows_no_tip(level):
     """A dark, grey or saturated picture, and gel with bubbles and tracks, are refused, whatever correlates there."""
     gel = Gel(None, CAMERA).take(1) if level is None else np.full((480, 640), level, np.uint8)
     for near in (None, (300.0, 200.0)):
@@ -84,7 +80,7 @@ def test_a_picture_without_a_needle_shows_no_tip(level: int | None) -> None:
         assert fix.reason is not None
 
 
-def test_a_tip_that_is_masked_or_predicted_outside_of_the_picture_is_not_found() -> None:
+def test_a_tip_that_is_masked_or_predicted_outside_of_the_picture_is_not_found():
     """Masked pixels belong to no tip, nor does a place beside them; of a region outside nothing is left."""
     shown = tip(0.2, 7)
     mask = np.zeros(shown.picture.shape, bool)
@@ -95,7 +91,7 @@ def test_a_tip_that_is_masked_or_predicted_outside_of_the_picture_is_not_found()
 
 
 @pytest.mark.processors
-def test_two_tips_cannot_be_told_apart() -> None:
+def test_two_tips_cannot_be_told_apart():
     """If two places score alike, neither is accepted."""
     shown = tip(0.0, 8)
     twice = shown.picture.copy()
@@ -117,15 +113,13 @@ def test_two_tips_cannot_be_told_apart() -> None:
         (tip().picture, {"region_px": 0.0, "near_px": (1.0, 1.0)}, InputError),
     ],
 )
-def test_what_cannot_be_searched_is_an_error(
-    picture: np.ndarray, predicted: dict[str, Any], error: type[Exception]
-) -> None:
+def test_what_cannot_be_searched_is_an_error(picture, predicted, error):
     """A picture smaller than the template, or not of 8 bits, and a prediction that is not finite."""
     with pytest.raises(error):
         locate_tip(picture, TEMPLATE, **predicted)
 
 
-def test_a_template_comes_back_from_its_files_as_it_was(tmp_path: Path) -> None:
+def test_a_template_comes_back_from_its_files_as_it_was(tmp_path):
     """Picture, tip, heading, insertion and roll survive, by the name of either file; it may be written by hand."""
     kept = TipTemplate(TEMPLATE.picture, (20.25, 19.5), -0.3, "down", 1.5)
     save_template(tmp_path / "tip.png", kept, {"command": "test"})
@@ -156,9 +150,7 @@ def test_a_template_comes_back_from_its_files_as_it_was(tmp_path: Path) -> None:
         (np.zeros((4, 4), np.uint8), '{"tip_px": [1, 1], "heading_rad": 0}', PictureError),
     ],
 )
-def test_a_template_that_cannot_be_one_is_refused(
-    tmp_path: Path, picture: np.ndarray, document: str | None, error: type[Exception]
-) -> None:
+def test_a_template_that_cannot_be_one_is_refused(tmp_path, picture, document, error):
     """Missing, malformed, incomplete and contradictory files are refused by name, and what is flat or tiny."""
     cv2.imwrite(str(tmp_path / "tip.png"), picture)
     if document is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from labrig.devices.rig import Rig
 from tests.benchmarks.table import print_rows
-from tests.devices.bench_rig import bench_description, bench_rig
+from tests.devices.served import bench_description, bench_rig
 
 SECONDS, RATE_HZ = 10.0, 100.0
 

@@ -21,9 +21,8 @@ from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder, opening_files
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, sweep_command
-from tests.devices.bench_rig import bench_description
 from tests.devices.rigs import instants
-from tests.devices.served import Served, served_drives
+from tests.devices.served import Served, bench_description, served_drives
 from tests.small_camera import CALIBRATED_SMALL_CAMERA, set_options
 
 # The drives wait longer than by default for a labrig on a machine that is busy with something else.

@@ -10,7 +10,7 @@ import pytest
 from labrig.record import open_run
 from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Labrig
 from tests.cli.example_runs import of_protocol
-from tests.devices.cia402.eds_text import eds_text
+from tests.devices.eds_text import eds_text
 
 pytestmark = pytest.mark.slow
 

@@ -12,13 +12,12 @@ from typing import Any, TypeVar
 
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.camera import SimulatedSource
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.devices.worker import WorkerThread
 from labrig.simulation.world import World
-from tests.devices.rigs import OpenedRig, Person, Signal, simulated_rig
+from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
 _T = TypeVar("_T")
 
@@ -149,15 +148,5 @@ def threaded_rig(
     """Open a rig whose camera and disk can block, and whose computer may be late; it is not closed by this."""
     description = description or simulated_rig()
     hardware = ThreadedHardware(description, late_s)
-    link, signal, person = hardware.open_link(), Signal(), Person()
-    rig = Rig(
-        description,
-        hardware=hardware,
-        link=link,
-        source=hardware.open_source(),
-        person=person,
-        interrupted=signal,
-    )
-    yield OpenedRig(rig, hardware, signal, person), hardware
-    link.close()
-    hardware.close()
+    with opened_rig(description, hardware=hardware) as opened:
+        yield opened, hardware

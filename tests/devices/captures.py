@@ -1,31 +1,52 @@
-"""A device of OpenCV's that takes pictures in a time of its own, with a queue as the kernel has it."""
+"""Recorded pictures, and a device of OpenCV's that takes pictures in a time of its own, with a queue."""
 
 from collections import deque
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from labrig.devices.camera import Picture
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.files import FilesCameraDescription
 from labrig.devices.uvc.camera import UvcCameraDescription, UvcSource
 
 SIZE_PX = (64, 48)
 
 
+def draw_numbered_picture(number: int) -> Picture:
+    """Return the picture with a number."""
+    picture = np.full(SIZE_PX[::-1], 10 + 5 * number, np.uint8)
+    picture[:8] = 0
+    return picture
+
+
+def number_in(image: Picture) -> int:
+    """Return the number of a picture."""
+    return round((float(image[-8:].mean()) - 10) / 5)
+
+
+def write_pictures(folder: Path, count: int) -> Path:
+    """Write pictures 1.png, 2.png, ... into a new folder."""
+    folder.mkdir()
+    for number in range(count):
+        cv2.imwrite(str(folder / f"{number + 1}.png"), draw_numbered_picture(number))
+    return folder
+
+
+def files_section(source: str, **keys: object) -> FilesCameraDescription:
+    """Return the section of recorded pictures."""
+    size = {"width_px": SIZE_PX[0], "height_px": SIZE_PX[1], "rate_hz": 20.0}
+    return FilesCameraDescription.model_validate({"driver": "files", "source": source, **size, **keys})
+
+
 def uvc_section() -> UvcCameraDescription:
     """Return the section of a camera that takes 24 pictures a second."""
-    return UvcCameraDescription(
-        driver="uvc",
-        width_px=SIZE_PX[0],
-        height_px=SIZE_PX[1],
-        rate_hz=24.0,
-        pixel_format="GREY",
-        exposure_us=5000,
-        gain=None,
-        white_balance_k=None,
-        focus=None,
-        mains_hz=50,
+    size = {"width_px": SIZE_PX[0], "height_px": SIZE_PX[1], "rate_hz": 24.0, "pixel_format": "GREY"}
+    lacks = dict.fromkeys(("gain", "white_balance_k", "focus"))
+    return UvcCameraDescription.model_validate(
+        {"driver": "uvc", **size, **lacks, "exposure_us": 5000, "mains_hz": 50}
     )
 
 

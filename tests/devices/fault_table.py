@@ -42,16 +42,16 @@ class Phase(Enum):
 
 
 class Stop(Enum):
-    """By when the struck axis stands still, counted from the strike in the drive's own time [s]."""
+    """By when the struck axis stands still, counted from the strike in the drive's own time [s].
 
-    BY_ANYBODY = 0.4  # the computer or the drive can act
-    BY_THE_DRIVE = (
-        HEARTBEAT_S + SPEED_MM_S / QUICK_STOP_MM_S2
-    )  # only the drive can: heartbeat time and deceleration
-    AFTER_SILENCE = (
-        HEARTBEAT_S + 0.5
-    )  # the computer can, but a missed heartbeat is known only after that time
-    NO_DEADLINE = 60.0  # the axis goes on until something asks, or to where it was sent
+    The computer or the drive can act; only the drive can, after heartbeat time and deceleration; the computer can, but
+    knows of a missed heartbeat only after that time; the axis goes on until something asks, or to where it was sent.
+    """
+
+    BY_ANYBODY = 0.4
+    BY_THE_DRIVE = HEARTBEAT_S + SPEED_MM_S / QUICK_STOP_MM_S2
+    AFTER_SILENCE = HEARTBEAT_S + 0.5
+    NO_DEADLINE = 60.0
 
 
 class Lost(Enum):
@@ -107,15 +107,15 @@ def _emergency(code: int, words: str, stop: Stop = Stop.BY_ANYBODY, lost: Lost =
 
 
 def _find_later(
-    error: type[LabrigError], words: str, *, found_in_tissue: bool = False
+    error: type[LabrigError], words: str, *, in_tissue: bool = False
 ) -> dict[Phase, FaultOutcome]:
     """Return what comes of a fault that is found when the next picture is taken, or the next line written."""
+    found = _fails(error, words, lost=Lost.NONE)
+    later = replace(found, found_in_tissue=in_tissue)
     return {
-        Phase.IDLE: replace(_fails(error, words, lost=Lost.NONE), found_in_tissue=found_in_tissue),
-        Phase.MOVING: _fails(error, words, lost=Lost.NONE),
-        Phase.HOMING: replace(
-            _fails(error, words, Stop.NO_DEADLINE, Lost.NONE), found_in_tissue=found_in_tissue
-        ),
+        Phase.IDLE: later,
+        Phase.MOVING: found,
+        Phase.HOMING: replace(later, stop=Stop.NO_DEADLINE),
     }
 
 
@@ -124,12 +124,10 @@ def _aborts(error: type[LabrigError], words: str) -> FaultOutcome:
 
 
 _SILENT = _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER)
+_SILENT_AT_REST = replace(_SILENT, stop=Stop.AFTER_SILENCE)  # nothing moves, and the dead-man acts
+_BEAT_MISSED = ("emergency", 0x8130)
 _STOOD_STILL = _fails(
-    DriveFaultError,
-    "labrig itself stood still for",
-    Stop.BY_THE_DRIVE,
-    Lost.ALL,
-    ("emergency", 0x8130),
+    DriveFaultError, "labrig itself stood still for", Stop.BY_THE_DRIVE, Lost.ALL, _BEAT_MISSED
 )
 _DEAF = _fails(DriveSilentError, "did not answer", Stop.BY_THE_DRIVE, Lost.ALL, _NO_ANSWER)
 _RESTARTED = _fails(DriveRestartedError, "has restarted: it lost power")
@@ -139,28 +137,17 @@ _UNANSWERED = _fails(DriveSilentError, "did not answer", lost=Lost.NONE, fault=_
 
 def _at_the_next_question(outcome: FaultOutcome) -> dict[Phase, FaultOutcome]:
     """Return what comes of a fault in an answer: axes report without being asked, until the next move is to start."""
-    return {
-        Phase.IDLE: outcome,
-        Phase.MOVING: replace(outcome, stop=Stop.NO_DEADLINE),
-        Phase.HOMING: outcome,
-    }
+    return dict.fromkeys(Phase, outcome) | {Phase.MOVING: replace(outcome, stop=Stop.NO_DEADLINE)}
 
 
 EMERGENCIES = {
-    "generic": (0x1000, "generic error"),
     "over-current": (0x2310, "over-current"),
-    "over-voltage": (0x3210, "over-voltage"),
     "under-voltage": (0x3220, "under-voltage"),
-    "over-temperature": (0x4210, "over-temperature"),
-    "logic supply": (0x5113, "logic supply"),
-    "software": (0x6100, "internal software error"),
-    "position sensor": (0x7320, "position sensor"),
     "CAN overrun": (0x8110, "CAN overrun"),
-    "CAN passive": (0x8120, "CAN passive"),
-    "PDO length": (0x8210, "CAN PDO of a wrong length"),
-    "Hall sensor": (0xFF01, "Hall sensor error"),
 }
-"""Error of the drive -> its code, and what the reason says of it."""
+"""Error of the drive -> its code, and what the reason says of it: one at which power goes at once, one of which the
+cause may persist, one after which it brakes first. The codes of all others are rows of `labrig.devices.drives.errors`.
+"""
 
 FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     # Survived and counted
@@ -188,11 +175,8 @@ FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
         Phase.HOMING: _emergency(0x8611, "following error", Stop.NO_DEADLINE),
     },
     "software limit": _emergency(0xFF09, "software position limit"),
-    "limit switch": {
-        Phase.IDLE: _emergency(0xFF07, "positive limit switch"),
-        Phase.MOVING: _emergency(0xFF07, "positive limit switch"),
-        Phase.HOMING: UNNOTICED,
-    },
+    "limit switch": dict.fromkeys(Phase, _emergency(0xFF07, "positive limit switch"))
+    | {Phase.HOMING: UNNOTICED},
     "emergency stop": _emergency(0x3220, "under-voltage: supply cut or emergency stop"),
     # The bus
     "bus off": _fails(BusOffError, "the CAN bus is off", Stop.BY_THE_DRIVE, Lost.ALL),
@@ -205,11 +189,9 @@ FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "fingerprint mismatch": _RESTARTED,
     # The computer
     "computer hangs": _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL),
-    "signal": FaultOutcome(
-        "aborted", InterruptedRunError, "interrupted by SIGINT", Stop.BY_ANYBODY, Lost.NONE
-    ),
+    "signal": _aborts(InterruptedRunError, "interrupted by SIGINT"),
     "camera lost": _find_later(CameraError, "gave no picture"),
-    "camera frozen": _find_later(CameraError, "the same picture", found_in_tissue=True),
+    "camera frozen": _find_later(CameraError, "the same picture", in_tissue=True),
     "disk full": _find_later(DiskError, "cannot write"),
 }
 """Fault -> what must come of it, in every phase or by phase."""
@@ -223,13 +205,11 @@ def _strayed(words: str, fault: str, lost: Lost = Lost.NONE) -> FaultOutcome:
     return _fails(DriveStrayedError, words, lost=lost, fault=(fault, 0))
 
 
-def _input_beyond(words: str) -> FaultOutcome:
-    return _fails(ForceGuardError, words, lost=Lost.NONE, fault=("input-limit", 0))
+def _guarded(words: str, fault: str = "input-limit") -> FaultOutcome:
+    return _fails(ForceGuardError, words, lost=Lost.NONE, fault=(fault, 0))
 
 
-_STALLED = _fails(
-    ForceGuardError, "the insertion axis is stalled: 1500 mA for", lost=Lost.NONE, fault=("stalled", 0)
-)
+_STALLED = _guarded("the insertion axis is stalled: 1500 mA for", "stalled")
 
 SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     # Another program commands the drives
@@ -247,35 +227,23 @@ SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "second master beats": _second_master("it sends the heartbeat of node 127"),
     "another client reads": SURVIVED,
     # The drives are lost, labrig itself stands still, or its terminal has gone
-    "all nodes silent": {
-        Phase.IDLE: replace(_SILENT, stop=Stop.AFTER_SILENCE),  # nothing moves, and the dead-man acts
-        Phase.MOVING: _SILENT,
-        Phase.ASKING: replace(_SILENT, stop=Stop.AFTER_SILENCE),
-    },
+    "all nodes silent": dict.fromkeys(Phase, _SILENT_AT_REST) | {Phase.MOVING: _SILENT},
     "labrig stopped for 0.3 s": UNNOTICED,
     "labrig stopped for 0.8 s": _STOOD_STILL,
     "labrig stopped for 3 s": _STOOD_STILL,
     "terminal closes": _aborts(InterruptedRunError, "interrupted by SIGHUP"),
-    "terminal gone stale": {
-        Phase.IDLE: UNNOTICED,
-        Phase.MOVING: UNNOTICED,
-        Phase.ASKING: _aborts(SafetyStopError, "before the operator answered"),
-    },
+    "terminal gone stale": dict.fromkeys(Phase, UNNOTICED)
+    | {Phase.ASKING: _aborts(SafetyStopError, "before the operator answered")},
     # Nothing on the bus tells of it
-    "target changed in the drive": _strayed(
-        "the drive of axis insertion has the target 60.0000 mm", "target-changed"
-    ),
+    "target changed in the drive": _strayed("axis insertion has the target 60.0000 mm", "target-changed"),
     "idle axis moved": _strayed("axis linear should stand at", "strayed"),
     "encoder jumps": _strayed("jumped from", "position-jump", Lost.STRUCK),
     # Something holds the needle, or an input of a drive says that nothing may move
-    "stall in gel": {
-        # It is found out once the axis is to move.
-        Phase.IDLE: replace(_STALLED, stop=Stop.NO_DEADLINE, found_in_tissue=True),
-        Phase.MOVING: _STALLED,
-        Phase.ASKING: replace(_STALLED, stop=Stop.NO_DEADLINE, found_in_tissue=True),
-    },
-    "force limit exceeded": _input_beyond("input needle_force is 25 N, limits [-20, 20] N"),
-    "door opened": _input_beyond("input door is off, expected on"),
+    # It is found out once the axis is to move.
+    "stall in gel": dict.fromkeys(Phase, replace(_STALLED, stop=Stop.NO_DEADLINE, found_in_tissue=True))
+    | {Phase.MOVING: _STALLED},
+    "force limit exceeded": _guarded("input needle_force is 25 N, limits [-20, 20] N"),
+    "door opened": _guarded("input door is off, expected on"),
     "node becomes pre-operational": _strayed("is in NMT state pre-operational", "not-operational"),
 }
 """What somebody else does -> what must come of it, in every phase or by phase."""

@@ -122,11 +122,6 @@ class OneDrive:
         for _ in self.driver.home(homing):
             self.clock.sleep(0.005)
 
-    def wait(self, duration_s: float) -> None:
-        """Let time pass without the computer's heartbeat."""
-        for _ in range(round(duration_s / 0.01)):
-            self.clock.sleep(0.01)
-
     def values(self, *places: Place) -> tuple[int, ...]:
         """Return what objects of the drive hold."""
         return tuple(map(self.drive.objects.value, places))
@@ -164,38 +159,48 @@ class OpenedRig:
 
     rig: Rig
     hardware: SimulatedHardware
+    signal: Signal
+    person: Person
 
     @property
     def drives(self) -> dict[str, SimulatedCia402Drive]:
         """The simulated EPOS2 of each axis."""
         return self.hardware.drives
 
-    signal: Signal
-    person: Person
+
+def make_rig(
+    description: RigDescription,
+    hardware: Hardware,
+    opening: Opening = WHOLE,
+    person: Person | None = None,
+    signal: Signal | None = None,
+) -> Rig:
+    """Return a rig over a hardware, not yet connected."""
+    return Rig(
+        description,
+        hardware=hardware,
+        link=hardware.open_link(),
+        source=hardware.open_source() if opening.camera else None,
+        person=hardware.accompany(person or Person()),
+        interrupted=signal or Signal(),
+        opening=opening,
+    )
 
 
 @contextmanager
 def opened_rig(
-    description: RigDescription | None = None, person: Person | None = None, opening: Opening = WHOLE
+    description: RigDescription | None = None,
+    person: Person | None = None,
+    opening: Opening = WHOLE,
+    hardware: SimulatedHardware | None = None,
 ) -> Iterator[OpenedRig]:
     """Open a simulated rig over a hardware of which the test keeps hold; it is not closed by this."""
-    description = description or simulated_rig()
+    description, signal, person = description or simulated_rig(), Signal(), person or Person()
     assert description.world is not None
-    hardware = SimulatedHardware(description, description.world, seed=1)
-    kept: Hardware = hardware
-    link, source = kept.open_link(), kept.open_source()
-    signal, person = Signal(), person or Person()
-    rig = Rig(
-        description,
-        hardware=hardware,
-        link=link,
-        source=source,
-        person=hardware.accompany(person),
-        interrupted=signal,
-        opening=opening,
-    )
+    hardware = hardware or SimulatedHardware(description, description.world, seed=1)
+    rig = make_rig(description, hardware, opening, person, signal)
     yield OpenedRig(rig, hardware, signal, person)
-    link.close()
+    rig._link.close()
     hardware.close()
 
 

@@ -1,21 +1,27 @@
-"""Simulated drives served on a bus by a thread of the test, as `labrig devices simulate` serves them."""
+"""Simulated drives served on a bus by a thread of the test, and a bench without a camera that drives them."""
 
 import os
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import can
 import pytest
 
+from labrig.devices.hardware import BenchHardware
+from labrig.devices.opening import Opening
+from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
 from labrig.devices.simulated.serving import ServedDrives, open_bus
 from labrig.devices.simulated.slcan import SlcanAdapter
 from labrig.errors import BusError
+from tests.devices.rigs import BENCH, make_rig
 
 INTERFACES = ("virtual", "udp_multicast", "slcan")
 _GROUP = "239.74.163.2"
@@ -31,10 +37,6 @@ class Served:
     bus: can.BusABC
     wire: InProcessWire
     actions: SimpleQueue[Callable[[], object]]
-
-    def open(self) -> can.BusABC:
-        """Open the other end."""
-        return can.Bus(**self.reached_by)
 
     def do(self, action: Callable[[], object]) -> None:
         """Do something to the drives in the thread that serves them, and wait until it is done."""
@@ -107,3 +109,31 @@ def _do_all(actions: SimpleQueue[Callable[[], object]]) -> None:
             actions.get_nowait()()
     except Empty:
         return
+
+
+SCREW = ("counts_per_turn=2000", "gear_ratio=4", "limits=[-2, 120]", "acceleration=50")
+
+
+def bench_description(reached_by: Mapping[str, object], *overrides: str) -> RigDescription:
+    """Return a complete bench rig on a bus, as `can.Bus` takes its arguments; a millimetre is 4000 quadcounts."""
+    bus = dict(reached_by)
+    interface, channel = bus.pop("interface"), bus.pop("channel")
+    bus.pop("bitrate", None)
+    axes = [f"axes.{name}.{value}" for name in ("insertion", "rotation", "linear") for value in SCREW]
+    leads = ["axes.insertion.lead_mm=2", "axes.linear.lead_mm=2"]
+    options = [f"can.options.{name}={value}" for name, value in bus.items()]
+    can = [f"can.interface={interface}", f"can.channel={channel}", *options]
+    return load_rig(BENCH, (*axes, *leads, *can, *overrides))
+
+
+@contextmanager
+def bench_rig(description: RigDescription, folder: Path) -> Iterator[Rig]:
+    """Open a rig over the bus, connected and with no needle in tissue; it is closed without a word about power."""
+    placed = description.placed_in(folder)
+    hardware = BenchHardware(placed)
+    with closing(hardware):
+        rig = make_rig(placed, hardware, Opening(camera=False))
+        with closing(rig._link):
+            rig.connect()
+            rig.needle.mark_out()
+            yield rig

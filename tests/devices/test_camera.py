@@ -1,12 +1,13 @@
-"""The camera: every setting is made or refused, and every picture has the stated format."""
+"""Cameras: settings are made or refused, pictures have the stated format and a time that can be trusted."""
 
 from contextlib import nullcontext
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from labrig.devices.camera import CONTROL_NAMES, Camera, CameraContext, Exposure, Picture, Setting
+from labrig.devices.camera import CONTROL_NAMES, Camera, CameraContext, Exposure, Frame, Picture, Setting
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.camera import SimulatedSource
@@ -14,16 +15,19 @@ from labrig.devices.uvc.camera import UvcCameraDescription
 from labrig.devices.uvc.v4l2 import CONTROLS, GET_CONTROL, SET_CONTROL
 from labrig.errors import CameraError
 from labrig.simulation.world import World
-from tests.devices.captures import FakeCapture
+from tests.devices.captures import (
+    BEGAN_S,
+    FakeCapture,
+    draw_numbered_picture,
+    files_section,
+    number_in,
+    uvc_section,
+    write_pictures,
+)
 from tests.devices.rigs import BENCH, large_rig
 
-CAMERA = large_rig().camera
-
-
-def _world(*ignores: str) -> World:
-    world = large_rig().world
-    assert world is not None
-    return World(world.model_copy(update={"ignores": ignores}), seed=1)
+RIG = large_rig()
+CAMERA = RIG.camera
 
 
 class Lens:
@@ -51,25 +55,22 @@ class Lens:
         """Nothing is held."""
 
 
+# Settings and formats
+
+
 @pytest.mark.parametrize(
     ("name", "asked"),
     [
-        ("pixel_format", "MJPG"),
-        ("width_px", 800),
-        ("height_px", 600),
-        ("rate_hz", 25.0),
-        ("mains_hz", 50),
-        ("exposure_us", 100),
-        ("gain", 7),
-        ("white_balance_k", 3000),
-        ("focus", 5),
+        ("pixel_format", "MJPG"), ("width_px", 800), ("height_px", 600), ("rate_hz", 25.0), ("mains_hz", 50),
+        ("exposure_us", 100), ("gain", 7), ("white_balance_k", 3000), ("focus", 5),
     ],
-)
+)  # fmt: skip
 def test_a_camera_that_ignores_a_setting_is_refused(name: str, asked: Setting) -> None:
     """The error names the setting, the requested value and the value in use."""
-    description = CAMERA.model_copy(update={name: asked})
+    assert RIG.world is not None
+    source = SimulatedSource(World(RIG.world.model_copy(update={"ignores": (name,)}), 1), SimulatedClock())
     with pytest.raises(CameraError, match=f"ignored {name}: {asked} was asked for, it uses"):
-        Camera(SimulatedSource(_world(name), SimulatedClock()), description, SimulatedClock())
+        Camera(source, CAMERA.model_copy(update={name: asked}), SimulatedClock())
 
 
 @pytest.mark.parametrize(("told_not", "may_be_null"), [("focus", True), ("width_px", False)])
@@ -115,26 +116,25 @@ def test_what_is_no_camera_is_refused(tmp_path: Path) -> None:
         assert "/dev/video*" in refusal.value.hint
 
 
-@pytest.mark.parametrize("name", CONTROL_NAMES)
-def test_a_camera_that_lacks_a_control_is_usable_once_its_key_is_null(name: str) -> None:
-    """Without the control it is refused; what the hint says to write makes it a camera that gives pictures."""
-    with pytest.raises(CameraError, match=f"does not tell its {name}") as refusal:
-        _open_lacking(name, *_ALL_CONTROLS)
-    assert f"write camera.{name}: null" in refusal.value.hint
-    camera = _open_lacking(name, *_ALL_CONTROLS, f"camera.{name}=null")
-    assert camera.capture().image.shape == (48, 64)
-    assert set(CONTROL_NAMES) - set(camera.settings) == {name}
-
-
-_SMALL = ("camera.width_px=64", "camera.height_px=48", "camera.pixel_format=GREY")
-_ALL_CONTROLS = (*_SMALL, "camera.focus=3")
+_ALL_CONTROLS = ("camera.width_px=64", "camera.height_px=48", "camera.pixel_format=GREY", "camera.focus=3")
 
 
 def _open_lacking(name: str, *overrides: str) -> Camera:
     """Return an opened USB camera that has every control but one."""
-    section, capture = load_rig(BENCH, overrides).camera, FakeCapture(rate_hz=30.0)
+    section, capture = load_rig(BENCH, (*_ALL_CONTROLS, *overrides)).camera, FakeCapture(rate_hz=30.0)
     assert isinstance(section, UvcCameraDescription)
     return Camera(capture.open(section, lacks=name), section, capture.clock)
+
+
+@pytest.mark.parametrize("name", CONTROL_NAMES)
+def test_a_camera_that_lacks_a_control_is_usable_once_its_key_is_null(name: str) -> None:
+    """Without the control it is refused; what the hint says to write makes it a camera that gives pictures."""
+    with pytest.raises(CameraError, match=f"does not tell its {name}") as refusal:
+        _open_lacking(name)
+    assert f"write camera.{name}: null" in refusal.value.hint
+    camera = _open_lacking(name, f"camera.{name}=null")
+    assert camera.capture().image.shape == (48, 64)
+    assert set(CONTROL_NAMES) - set(camera.settings) == {name}
 
 
 def test_request_codes_are_those_of_the_kernel() -> None:
@@ -147,3 +147,113 @@ def test_request_codes_are_those_of_the_kernel() -> None:
         "focus": 0x009A090A,
         "mains_hz": 0x00980918,
     }
+
+
+# The time of a picture of a USB camera: the kernel's if it can be trusted, else that of the call, with a bound
+
+
+PERIOD_S = 1 / 24
+
+
+def _open_uvc(**kinds: object) -> tuple[Camera, FakeCapture]:
+    capture = FakeCapture(**kinds)  # type: ignore[arg-type]
+    return Camera(capture.open(), uvc_section(), capture.clock), capture
+
+
+def test_a_picture_has_the_time_of_its_buffer_and_queued_ones_are_dropped() -> None:
+    """The kernel's time stamp, in rig time, known to a period; after a pause, one that was exposed after the call."""
+    camera, capture = _open_uvc()
+    for pause_s in (3.01, 10.0):
+        capture.clock.sleep(pause_s)
+        asked_s = capture.monotonic_s()
+        frame = camera.capture()
+        assert frame.t_s == pytest.approx(capture.exposed_s - BEGAN_S, abs=1e-6)
+        assert frame.t_bound_s == pytest.approx(PERIOD_S)
+        assert capture.exposed_s - 0.005 >= asked_s
+        assert capture.monotonic_s() - asked_s <= PERIOD_S + 0.005 + 1e-5
+
+
+@pytest.mark.parametrize("kind", [{"stamp_offset_s": 1.7e9}, {"stamp_offset_s": -900.0}, {"stamps": False}])
+def test_stamps_of_another_clock_are_not_used(kind: dict[str, object]) -> None:
+    """Without a usable stamp the time is the middle of the call, bounded by half its duration."""
+    camera, capture = _open_uvc(**kind)
+    capture.clock.sleep(3.0)
+    asked_s = capture.monotonic_s()
+    frame = camera.capture()
+    assert frame.t_bound_s == pytest.approx(0.5 * (capture.monotonic_s() - asked_s))
+    assert abs(frame.t_s - (capture.exposed_s - BEGAN_S)) <= (frame.t_bound_s or 0.0) + 1e-5
+
+
+@pytest.mark.parametrize(
+    ("queued", "into_period", "older_s"),
+    [(100, 0.52, "2.818"), (5, 0.95, "0.003")],
+)
+def test_a_picture_that_began_before_its_command_is_refused(
+    queued: int, into_period: float, older_s: str
+) -> None:
+    """If the queue is longer than any driver's, nothing old passes: not by seconds, nor by part of an exposure."""
+    camera, capture = _open_uvc(queue_length=queued)
+    capture.clock.sleep((72 + into_period) * PERIOD_S)
+    words = f"gave 6 pictures, each older .* began {older_s} s before it"
+    with pytest.raises(CameraError, match=words) as refusal:
+        camera.capture()
+    assert "plug it in again" in refusal.value.hint
+
+
+@pytest.mark.parametrize(
+    ("t_s", "t_bound_s", "placed"),
+    [
+        (1.25, 0.04, (0.25, 0.04)),
+        (0.9, 0.04, (0.0, 0.14)),
+        (2.1, 0.04, (1.0, 0.14)),
+        (1.25, None, (None, None)),
+    ],
+)
+def test_a_frame_lies_between_two_readings(
+    t_s: float, t_bound_s: float | None, placed: tuple[float | None, float | None]
+) -> None:
+    """It is placed by its own time; a time outside them widens its bound, that of a call has none."""
+    frame = Frame(draw_numbered_picture(0), t_s, t_bound_s)
+    assert frame.place_between(1.0, 2.0) == (placed if t_bound_s is None else pytest.approx(placed))
+
+
+# Recorded pictures
+
+
+def test_a_folder_gives_a_picture_for_each_read_and_ends_with_an_error(tmp_path: Path) -> None:
+    """In the order of the numbers, 2 before 10, at the time of the read; the error has number, folder and remedy."""
+    write_pictures(tmp_path / "p", 12)
+    clock = SimulatedClock()
+    camera = Camera(files_section("p").open(CameraContext(clock, tmp_path)), files_section("p"), clock)
+    for number in range(12):
+        clock.sleep(1.5)
+        frame = camera.capture()
+        assert (number_in(frame.image), frame.t_s, frame.t_bound_s) == (number, 1.5 * (number + 1), None)
+    with pytest.raises(CameraError, match=r"the 12 pictures of folder .*p have ended") as refusal:
+        camera.capture()
+    assert "labrig check" in refusal.value.hint
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("empty", "holds no picture"),
+        ("none", "none cannot be read"),
+        ("linked", r"2\.png is not a regular file"),
+        ("concat:a.avi|b.avi", r"b\.avi cannot be read"),
+        ("http://10.0.0.7/live", "live cannot be read"),
+    ],
+)
+def test_a_source_without_pictures_is_refused(tmp_path: Path, source: str, words: str) -> None:
+    """A link out of the folder is no picture of it; what a library might open is a name like any other."""
+    (tmp_path / "empty").mkdir()
+    cv2.imwrite(str(tmp_path / "outside.png"), draw_numbered_picture(0))
+    (write_pictures(tmp_path / "linked", 1) / "2.png").symlink_to(tmp_path / "outside.png")
+    with pytest.raises(CameraError, match=words):
+        files_section(source).open(CameraContext(SimulatedClock(), tmp_path))
+
+
+def test_a_setting_of_a_camera_is_no_key_of_a_folder() -> None:
+    """Recorded pictures have no exposure."""
+    with pytest.raises(ValueError, match="exposure_us"):
+        files_section("p", exposure_us=8000)

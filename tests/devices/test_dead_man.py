@@ -3,12 +3,12 @@
 from contextlib import ExitStack, nullcontext
 from pathlib import Path
 
-import can
 import pytest
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.check import check_bus, check_rig
 from labrig.devices.check_result import CheckStatus
+from labrig.devices.clocks import SystemClock
 from labrig.devices.dead_man import try_dead_man
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
@@ -16,33 +16,23 @@ from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmUnguarded
-from labrig.devices.simulated.bus import InProcessBus
 from labrig.errors import BusError, DriveError, SecondMasterError
-from tests.devices.bench_rig import bench_description, bench_rig
 from tests.devices.rigs import (
     HEARTBEAT,
     OneDrive,
-    OpenedRig,
     Person,
     instants,
     one_drive,
     opened_rig,
+    ready_rig,
     simulated_rig,
 )
-from tests.devices.served import Served, served_drives
-from tests.devices.wire_faults import abort_next
+from tests.devices.served import bench_description, bench_rig, served_drives
+from tests.devices.wire_faults import abort_next, send_as_other
 
 RECEIVE_PDO_COB_IDS = tuple(Place(0x1400 + n, 1) for n in range(4))
 BEAT, READ_STATUS = (0x77F, b"\x05"), (0x601, b"\x40\x41\x60\0\0\0\0\0")
-RETARGET = (0x601, b"\x23\x7a\x60\0\x80\xa9\x03\0")
-
-
-def send(opened: OpenedRig, *frames: tuple[int, bytes]) -> None:
-    """Send frames as another program on the bus does."""
-    master = InProcessBus(opened.hardware.wire, lambda _message: None)
-    for can_id, data in frames:
-        master.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
-    master.shutdown()
+RETARGET = b"\x23\x7a\x60\0\x80\xa9\x03\0"
 
 
 def configured(one: OneDrive) -> dict[str, int | None]:
@@ -104,9 +94,8 @@ def test_a_rig_with_a_drive_that_may_move_on_opens_on_confirmation(*, yes: bool)
     with opened_rig(person=(person := Person(yes))) as opened:
         opened.rig.operator = opened.rig._person = person
         abort_next(opened.hardware.wire, opened.drives["rotation"], 0x06020000, co.ABORT_CONNECTION.index)
-        with (
-            nullcontext() if yes else pytest.raises(DriveError, match="the operator did not confirm its use")
-        ):
+        refusal = pytest.raises(DriveError, match="the operator did not confirm its use")
+        with nullcontext() if yes else refusal:
             opened.rig.connect()
         assert [type(request) for request in person.asked] == [ConfirmUnguarded]
         assert opened.drives["insertion"].is_powered() is yes
@@ -141,37 +130,32 @@ def test_an_axis_has_to_stop_by_itself(*, yes: bool, stops: bool, status: CheckS
 
 
 @pytest.mark.parametrize(
-    ("frame", "words"),
+    ("from_s", "frame", "words"),
     [
-        (BEAT, "it sends the heartbeat of node 127, as labrig does"),
-        (READ_STATUS, "it reads object 0x6041:00 of axis insertion"),
-        ((0x601, b"\x60"), "CAN frame 601#60 to axis insertion"),
+        (0.0, BEAT, "it sends the heartbeat of node 127, as labrig does"),
+        (0.0, READ_STATUS, "it reads object 0x6041:00 of axis insertion"),
+        (0.0, (0x601, b"\x60"), "CAN frame 601#60 to axis insertion"),
+        (0.35, BEAT, "heartbeat of node 127"),
     ],
 )
-def test_a_rig_on_a_bus_with_another_master_is_not_opened(frame: tuple[int, bytes], words: str) -> None:
-    """It is heard before anything is sent to a drive."""
-    with opened_rig() as opened:
-        opened.hardware.clock.on_advance(lambda: send(opened, frame))
-        with pytest.raises(SecondMasterError, match=words):
-            opened.rig.connect()
-        assert all(way == "R" for _, _, _, way in opened.rig.take_can_frames())
-
-
-def test_another_master_that_begins_during_the_opening_is_heard() -> None:
-    """No power is switched on then."""
+def test_a_rig_on_a_bus_with_another_master_is_not_opened(
+    from_s: float, frame: tuple[int, bytes], words: str
+) -> None:
+    """It is heard before anything is sent to a drive, and during the opening before power is switched on."""
     with opened_rig() as opened:
         clock = opened.hardware.clock
-        clock.on_advance(lambda: send(opened, *([BEAT] if clock.now_s() > 0.35 else [])))
-        with pytest.raises(SecondMasterError, match="heartbeat of node 127"):
+        clock.on_advance(lambda: send_as_other(opened, *([frame] if clock.now_s() > from_s else [])))
+        with pytest.raises(SecondMasterError, match=words):
             opened.rig.connect()
+        assert from_s or all(way == "R" for _, _, _, way in opened.rig.take_can_frames())
         assert not any(drive.is_powered() for drive in opened.drives.values())
 
 
 def test_frames_to_other_nodes_are_ignored() -> None:
     """A node that is none of ours may have a master of its own."""
     with opened_rig() as opened:
-        others = ((0x604, RETARGET[1]), (0x77E, b"\x05"), (0x000, b"\x81\x04"), (0x401 + 3, b""))
-        opened.hardware.clock.on_advance(lambda: send(opened, *others))
+        others = ((0x604, RETARGET), (0x77E, b"\x05"), (0x000, b"\x81\x04"), (0x401 + 3, b""))
+        opened.hardware.clock.on_advance(lambda: send_as_other(opened, *others))
         opened.rig.connect()
         opened.rig.wait(1.0)
 
@@ -183,37 +167,54 @@ def test_the_check_warns_of_another_master() -> None:
     assert results["guards insertion"].status is CheckStatus.PASS
     assert "0x6007:00 = 1" in results["guards insertion"].value
     with opened_rig() as opened, ExitStack() as stack:
-        opened.hardware.clock.on_advance(lambda: send(opened, BEAT))
+        opened.hardware.clock.on_advance(lambda: send_as_other(opened, BEAT))
         found = next(check_bus(opened.rig.description, opened.hardware, stack))
         assert found.status is CheckStatus.WARN
         assert "it sends the heartbeat of node 127" in found.value
 
 
-# An adapter that is pulled
+# In real time
 
 
 HEARTBEAT_S, SPEED_MM_S, QUICK_STOP_MM_S2 = 3.0, 4.0, 50.0
-PULLED = ("can.answer_timeout_ms=5000", f"can.heartbeat.timeout_ms={1000 * HEARTBEAT_S:.0f}")
-
-
-def _pull(served: Served) -> None:
-    served.do(served.bus.shutdown)
+PATIENT = ("can.answer_timeout_ms=5000", f"can.heartbeat.timeout_ms={1000 * HEARTBEAT_S:.0f}")
 
 
 def test_a_pulled_adapter_is_a_bus_error_and_the_drive_stops_by_itself(tmp_path: Path) -> None:
     """labrig names the bus; the drive misses the heartbeat and brakes, in its own time."""
+    quick_stop = f"axes.insertion.quick_stop_deceleration={QUICK_STOP_MM_S2}"
     with served_drives("slcan") as served:
-        description = bench_description(
-            served.reached_by, *PULLED, f"axes.insertion.quick_stop_deceleration={QUICK_STOP_MM_S2}"
-        )
         drive = served.drives[1]
-        with bench_rig(description, tmp_path) as rig:
+        with bench_rig(bench_description(served.reached_by, *PATIENT, quick_stop), tmp_path) as rig:
             rig.reference_axes()
             rig.axis("insertion").start_move(119.0, SPEED_MM_S)
-            _pull(served)
+            served.do(served.bus.shutdown)
             with pytest.raises(BusError, match=r"the CAN (adapter is gone|bus took no frame)"):
                 rig.wait(60.0)
             while not instants(drive, "emergency") or drive.is_moving:
                 rig.clock.sleep(0.01)
     failed_s = instants(drive, "emergency 0x8130")[-1]
     assert failed_s <= drive.shaft.still_s <= failed_s + SPEED_MM_S / QUICK_STOP_MM_S2 + 1e-6
+
+
+def test_a_rehearsed_rig_lives_in_real_time() -> None:
+    """5 mm at 10 mm/s and 50 mm/s2 take 0.5 s and the ramps by another clock; a picture's time lies within its call.
+
+    Time passes for the drives while labrig does nothing: they miss its heartbeat, as on a bench.
+    """
+    with ready_rig("clock=real", PATIENT[1]) as opened:
+        rig, clock = opened.rig, SystemClock()
+        rig.axis("linear").start_move(5.0, 10.0)
+        while not rig.read_states()["linear"].target_reached:
+            rig.wait(0.02)
+        assert 0.7 <= clock.now_s() < HEARTBEAT_S
+        assert rig.read_states()["linear"].position == pytest.approx(5.0, abs=0.01)
+        rig.axis("linear").start_move(100.0, 5.0)
+        before_s = rig.clock.now_s()
+        frame = rig.camera.capture()
+        assert before_s <= frame.t_s <= rig.clock.now_s()
+        assert 0 <= (frame.t_bound_s or -1) <= rig.clock.now_s() - before_s
+        clock.sleep(HEARTBEAT_S + 0.5)
+        with pytest.raises(DriveError):
+            rig.wait(1.0)
+        assert instants(opened.drives["linear"], "emergency 0x8130")

@@ -1,20 +1,20 @@
 """The simulated drive as any CANopen client sees it: NMT, heartbeat, SDO, EMCY, abort codes and reactions to faults."""
 
 import math
+from collections.abc import Iterator
 
 import can
 import pytest
 
-from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.eds import count_bytes, find_default, read_own_eds
 from labrig.devices.drives.epos2 import DRIVE
 from labrig.devices.drives.objects import Place
-from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from labrig.devices.simulated.bus import InProcessBus
+from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.devices.simulated.shaft import Mechanics
 from tests.devices import epos2_places as od
-from tests.devices.rigs import instants
+from tests.devices.rigs import OneDrive, instants, one_drive, simulated_rig
 
 NODE = 5
 OBJECTS = read_own_eds("epos2.eds").objects
@@ -24,12 +24,10 @@ TOO_LONG, TOO_SHORT, READ_ONLY = 0x06070012, 0x06070013, 0x06010002
 class Bench:
     """One drive, a clock, and everything that was on the bus."""
 
-    def __init__(self) -> None:
-        self.clock, wire = SimulatedClock(), InProcessWire()
+    def __init__(self, one: OneDrive) -> None:
+        self.clock, self.drive = one.clock, one.drive
         self.heard: list[can.Message] = []
-        self.bus = InProcessBus(wire, self.heard.append)
-        self.drive = SimulatedCia402Drive(DRIVE.example(NODE), wire, self.clock, Mechanics())
-        self.clock.on_advance(self.drive.tick)
+        self.bus = InProcessBus(one.wire, self.heard.append)
 
     def send(self, can_id: int, data: bytes = b"") -> None:
         """Send a frame."""
@@ -66,8 +64,9 @@ class Bench:
 
 
 @pytest.fixture(name="bench")
-def _bench() -> Bench:
-    return Bench()
+def _bench() -> Iterator[Bench]:
+    with one_drive(DRIVE.example(NODE), mechanics=Mechanics()) as one:
+        yield Bench(one)
 
 
 def test_the_heartbeat_carries_the_nmt_state(bench: Bench) -> None:
@@ -170,3 +169,19 @@ def test_an_error_takes_power_at_once_or_brakes_first(
     assert bench.read(co.STATUSWORD) & 0x6F == 0x08
     assert bench.read(co.LAST_ERROR) == code
     assert bench.drive.shaft.still_s == pytest.approx(0.5 + 1000 / rpm_per_s)
+
+
+def test_a_scripted_fault_waits_for_its_time_and_for_the_axis() -> None:
+    """It occurs after `at_s` and only while the axis moves; the drive's journal has the instant."""
+    rig = simulated_rig("faults=[{fault: boot-up, axis: insertion, at_s: 1, once: moving}]")
+    assert rig.world is not None
+    hardware = SimulatedHardware(rig, rig.world, seed=1)
+    hardware.clock.sleep(2.0)
+    assert len(hardware.faults.waiting) == 1
+    drive = hardware.drives["insertion"]
+    drive.objects.put(co.TARGET_POSITION, 100_000)
+    for word in (0x06, 0x0F, 0x3F):
+        drive.objects.put(co.CONTROLWORD, word)
+    hardware.clock.sleep(0.1)
+    assert instants(drive, "boot")[-1] == drive.shaft.still_s == 2.1
+    hardware.close()

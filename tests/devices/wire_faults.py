@@ -1,6 +1,9 @@
-"""What can happen to the next frames on the wire of a simulated rig."""
+"""What can happen to the next frames on the wire of a simulated rig, and when the computer has beaten on it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 import can
 
@@ -8,6 +11,7 @@ from labrig.clock import Clock
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.cia402 import SimulatedCia402Drive
+from tests.devices.rigs import OpenedRig, instants
 
 FOR_GOOD = 10**9
 ERROR_PASSIVE = (0x004, bytes([0, 0x20, 0, 0, 0, 0, 0, 0]))
@@ -83,3 +87,42 @@ def stop_heartbeat(wire: InProcessWire, drive: SimulatedCia402Drive) -> None:
 def deafen(drive: SimulatedCia402Drive) -> None:
     """Let a drive receive nothing."""
     drive.line.take = lambda _frame: None
+
+
+@dataclass
+class Heard:
+    """The beats on a bus [s]."""
+
+    times_s: list[float] = field(default_factory=list)
+
+    @property
+    def longest_gap_s(self) -> float:
+        """The longest time between two beats [s]."""
+        return max(later - earlier for earlier, later in pairwise(self.times_s))
+
+
+@contextmanager
+def listening(opened: OpenedRig) -> Iterator[Heard]:
+    """Listen on the wire for the beats of the computer."""
+    heard, clock = Heard(), opened.hardware.clock
+
+    def hear(message: can.Message) -> None:
+        if message.arbitration_id == 0x77F:
+            heard.times_s.append(clock.now_s())
+
+    tap = InProcessBus(opened.hardware.wire, hear)
+    yield heard
+    tap.shutdown()
+
+
+def send_as_other(opened: OpenedRig, *frames: tuple[int, bytes]) -> None:
+    """Send frames as another program on the bus does."""
+    master = InProcessBus(opened.hardware.wire, lambda _message: None)
+    for can_id, data in frames:
+        master.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+    master.shutdown()
+
+
+def require_no_fault(opened: OpenedRig) -> None:
+    """Require that no drive has reported an error."""
+    assert not any(instants(drive, "emergency") for drive in opened.drives.values())

@@ -12,9 +12,9 @@ from labrig.record.reader import open_run
 from labrig.record.writer import Recorder, opening_files
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.session import Session
-from tests.devices.beats import listening, require_no_fault
 from tests.devices.blocking import Blockade, threaded_rig
 from tests.devices.rigs import simulated_rig
+from tests.devices.wire_faults import listening, require_no_fault
 from tests.runner.sessions import SHORT_WAY, Told, sweep
 
 SHORT = (*SHORT_WAY, "insertion.length_mm=10", "insertion.speed_mm_s=2", "insertion.frame_every_mm=2")

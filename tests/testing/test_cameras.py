@@ -6,12 +6,10 @@ import pytest
 
 from labrig.devices.camera import CameraContext
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.files import FilesCameraDescription
 from labrig.devices.simulated.camera import SimulatedCameraDescription
 from labrig.simulation.world import World
 from labrig.testing.cameras import CameraConformance, OpenedCamera
-from tests.devices.captures import SIZE_PX, FakeCapture, uvc_section
-from tests.devices.recorded import write_pictures
+from tests.devices.captures import FakeCapture, files_section, uvc_section, write_pictures
 from tests.devices.rigs import simulated_rig
 
 
@@ -56,12 +54,5 @@ class TestFolder(CameraConformance):
 
     def open_camera(self) -> OpenedCamera:
         """Open recorded pictures in simulated time."""
-        clock = SimulatedClock()
-        section = FilesCameraDescription(
-            driver="files",
-            source="pictures",
-            width_px=SIZE_PX[0],
-            height_px=SIZE_PX[1],
-            rate_hz=20.0,
-        )
+        clock, section = SimulatedClock(), files_section("pictures")
         return OpenedCamera(section.open(CameraContext(clock, self.folder)), section, clock)

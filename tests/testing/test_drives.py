@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from labrig.testing.drives import DriveConformance, OpenedDrive, simulated_drive
-from tests.devices.cia402.sections import other_make
+from tests.devices.eds_text import other_make
 
 
 class TestEpos2(DriveConformance):

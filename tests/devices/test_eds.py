@@ -15,7 +15,7 @@ from labrig.devices.drives.eds import (
 )
 from labrig.devices.drives.objects import Place
 from labrig.errors import InputError
-from tests.devices.cia402.eds_text import eds_text
+from tests.devices.eds_text import eds_text
 
 OWN = read_own_eds("epos4.eds")
 

@@ -232,11 +232,11 @@ class Axis:
 
     # Stopping
 
-    def halt(self) -> None:
-        """Start to decelerate, then hold. Raises `DriveError`, `BusError`."""
+    def halt(self, *, quick: bool = False) -> None:
+        """Start to decelerate, then hold; a quick stop leaves operation enabled. Raises `DriveError`, `BusError`."""
         self._due_s = self._then = None
         self.expected = AT_REST
-        self.drive.stop()
+        self.drive.stop(quick=quick)
 
     def wait_until_still(self) -> Iterator[None]:
         """Poll the position until the axis stands still; quick-stop it if halting does not suffice.

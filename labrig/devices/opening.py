@@ -87,21 +87,22 @@ def prepare_drives(
         With the failures of all drives, not only the first.
     BusError
     """
-    left_ma = needle.state.current_limits
     identities: dict[str, Identity] = {}
 
     def identify(axis: Axis) -> None:
         identities[axis.name] = axis.drive.identify()
 
     def configure(axis: Axis) -> None:
-        limit_ma = opening.limit_ma(axis)
-        own_ma = _restore_current_limit(axis, left_ma)
+        limit_ma, found_ma = opening.limit_ma(axis), axis.drive.reports.current_limit_ma()
+        own_ma, set_ma = needle.state.current_limits.get(axis.name, (found_ma, found_ma))
+        own_ma = own_ma if found_ma == set_ma else found_ma  # somebody else has set another one since
         if limit_ma is not None and own_ma is not None and limit_ma < own_ma:
             needle.note_current_limit(axis.name, own_ma, limit_ma)
-        axis.drive.configure(description.can.heartbeat, limit_ma)
+        axis.drive.configure(description.can.heartbeat, limit_ma, own_ma)
 
     def find_faults(axis: Axis) -> None:
-        faults.update((axis, fault) for fault in axis.drive.faults()[:1])
+        if fault := axis.drive.fault():
+            faults[axis] = fault
 
     def guard(axis: Axis) -> None:
         doubt = identities[axis.name].unguarded
@@ -146,16 +147,6 @@ def _reset_faults(
         else:
             stay.append(first.reword(f"{told}; the operator did not confirm its reset"))
     return stay
-
-
-def _restore_current_limit(axis: Axis, left_ma: Mapping[str, tuple[int, int]]) -> int | None:
-    """Return a drive's own current limit [mA]; write it again if a labrig that was killed has left another one."""
-    found_ma = axis.drive.current_limit_ma()
-    own_ma, set_ma = left_ma.get(axis.name, (None, None))
-    if own_ma is None or found_ma != set_ma:
-        return found_ma
-    axis.drive.set_current_limit(own_ma)
-    return own_ma
 
 
 def _find_references(axes: Sequence[Axis], needle: NeedleState) -> None:

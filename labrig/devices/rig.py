@@ -31,11 +31,13 @@ from labrig.errors import (
     CameraError,
     DiskError,
     DriveError,
+    DriveStrayedError,
     InputError,
     InterruptedRunError,
     LabrigError,
     MachineError,
     SafetyStopError,
+    SecondMasterError,
     WireError,
 )
 
@@ -337,10 +339,11 @@ class Rig:
         """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
         return self._link.network.take_frames()
 
-    def stop(self) -> None:
+    def stop(self, *, quick: bool = False) -> None:
         """Stop every axis and verify that each stands still; a failure of one axis does not affect the others.
 
-        Takes at most max_speed / acceleration + 0.5 s, and as long again with a quick stop.
+        Takes at most max_speed / acceleration + 0.5 s, and as long again with a quick stop, which is made at once where
+        somebody else moves an axis: it is the shortest, and no set-point but labrig's own ends it.
 
         Raises
         ------
@@ -348,8 +351,8 @@ class Rig:
             When an axis may still move; names each such axis and the reason.
         """
         self._is_stopping = True
-        failed = try_all(self.axes, lambda axis: axis.drive.post_stop())
-        failed += try_all(self.axes, Axis.halt)
+        failed = try_all(self.axes, lambda axis: axis.drive.post_stop(quick=quick))
+        failed += try_all(self.axes, lambda axis: axis.halt(quick=quick))
         if not failed:
             self._heartbeat.note_supervision()  # every drive answers: none is lost
         moving = wait_for_all({axis.name: axis.wait_until_still() for axis in self.axes}, self._heartbeat)
@@ -376,7 +379,8 @@ class Rig:
                 last = self._locate_needle(f"{lost} not answer", ask=False)
                 self._alert(f"{last.motion}\nlast positions: {last.where}")
         self._is_ending = self._is_stopping = True
-        for end in (self.stop, self._forget_lost_zeros):
+        is_foreign = isinstance(error, SecondMasterError | DriveStrayedError)
+        for end in (partial(self.stop, quick=is_foreign), self._forget_lost_zeros):
             try:
                 end()
             except (SafetyStopError, DiskError) as failure:

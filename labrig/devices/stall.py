@@ -62,9 +62,9 @@ class StallWatch:
             self._since_s = None
         elif now_s - self._looked_s >= period_s - _EARLY_S:
             self._looked_s = now_s
-            lag = self._axis.drive.lag() or 0.0
+            lag = self._axis.drive.reports.lag() or 0.0
             lags = abs(lag) >= LAG_FRACTION * self._max_lag / 2
-            self.judge(now_s, lag, (self._axis.drive.current_ma() or 0.0) if lags else 0.0)
+            self.judge(now_s, lag, (self._axis.drive.reports.current_ma() or 0.0) if lags else 0.0)
 
     def judge(self, t_s: float, lag: float, current_ma: float) -> None:
         """Judge the following error [mm or rad] and the motor current [mA], read at `t_s` of rig time.

@@ -102,11 +102,15 @@ class Supervisor:
         # A program that only asks keeps power off too: it is about to command.
         self._watch.require_free()
         self._watch.states.clear()  # those that drives had before they were started
-        self._require_inputs({name: axis.drive.read_inputs() for name, axis in self._axes.items()})
+        self._require_inputs({name: axis.drive.reports.read_inputs() for name, axis in self._axes.items()})
         self._stalls = {}
         for name, axis in self._axes.items():
-            limit_ma = None if self._opening.limit_ma(axis) is None else axis.drive.current_limit_ma()
-            if limit_ma is not None and axis.drive.lag() is not None and axis.drive.current_ma() is not None:
+            limit_ma = None if self._opening.limit_ma(axis) is None else axis.drive.reports.current_limit_ma()
+            if (
+                limit_ma is not None
+                and axis.drive.reports.lag() is not None
+                and axis.drive.reports.current_ma() is not None
+            ):
                 self._stalls[name] = StallWatch(axis, limit_ma)
 
     def step(self) -> None:

@@ -64,6 +64,11 @@ class OpenedDrive:
             assert self.clock.now_s() < deadline_s, "it takes too long"
             self.clock.sleep(_POLL_S)
 
+    def wait_until_still(self, within_s: float) -> None:
+        """Wait until the axis stands still. Raises `DriveError` if it still moves after `within_s`."""
+        for _ in self.drive.wait_until_still(within_s):
+            self.clock.sleep(STILL_POLL_S)
+
     def move_to(self, position: float) -> None:
         """Move, and arrive."""
         self.drive.start_move(position, self.speed)
@@ -143,7 +148,7 @@ class DriveConformance:
         enabled.clock.sleep(0.2)
         assert enabled.is_at(start)
         assert decode_state(enabled.drive.read().statusword) is DriveState.OPERATION_ENABLED
-        assert enabled.drive.faults() == ()
+        assert enabled.drive.fault() is None
         enabled.drive.check()
         for target in (start + enabled.distance, start):
             rounded = enabled.drive.round_move(target, enabled.speed)
@@ -153,10 +158,10 @@ class DriveConformance:
         enabled.move_to(enabled.start_moving())
         since_s = enabled.clock.now_s()
         enabled.link.send(_SYNC, b"")
-        reported, lag = enabled.drive.read(since_s), enabled.drive.lag()
+        reported, lag = enabled.drive.read(since_s), enabled.drive.reports.lag()
         assert enabled.is_at(reported.position)
-        assert (reported.current_ma is None) is (enabled.drive.current_ma() is None)
-        assert set(reported.inputs) == set(enabled.section.inputs) == set(enabled.drive.read_inputs())
+        assert (reported.current_ma is None) is (enabled.drive.reports.current_ma() is None)
+        assert set(reported.inputs) == set(enabled.section.inputs) == set(enabled.drive.reports.read_inputs())
         assert lag is None or abs(lag) <= enabled.section.max_following_error
 
     def test_every_stop_ends_a_move(self, enabled: OpenedDrive) -> None:
@@ -167,9 +172,9 @@ class DriveConformance:
             (enabled.drive.stop, True),
         ):
             start = enabled.start_moving()
-            assert _refuses(lambda: enabled.drive.settle(0.0))
+            assert _refuses(lambda: enabled.wait_until_still(0.0))
             stop(quick=is_quick)
-            enabled.drive.settle(_TIMEOUT_S)
+            enabled.wait_until_still(_TIMEOUT_S)
             assert _refuses(enabled.drive.read) is is_quick
             if is_quick:
                 enabled.drive.enable()
@@ -191,7 +196,7 @@ class DriveConformance:
         with suppress(DriveError):
             enabled.drive.start_move(far, enabled.speed / 4)
             enabled.clock.sleep(4 * far / enabled.speed + 1)
-        enabled.drive.settle(_TIMEOUT_S)
+        enabled.wait_until_still(_TIMEOUT_S)
         assert enabled.drive.position() < far / 2
         enabled.drive.reset_fault()
         enabled.drive.set_limits(None)
@@ -205,30 +210,30 @@ class DriveConformance:
         start = enabled.drive.position()
         enabled.drive.start_move(start + enabled.distance, enabled.speed / 100)
         enabled.silent_clock.sleep(2 * enabled.heartbeat.timeout_ms / 1000)
-        enabled.drive.settle(_TIMEOUT_S)
-        assert enabled.drive.faults()
+        enabled.wait_until_still(_TIMEOUT_S)
+        assert enabled.drive.fault()
         assert _refuses(enabled.drive.read)
         assert _refuses(enabled.drive.enable)
         enabled.drive.reset_fault()
-        assert enabled.drive.faults() == ()
+        assert enabled.drive.fault() is None
         enabled.drive.enable()
         enabled.move_to(start)
 
     def test_closing_leaves_no_fault_and_restores_the_current_limit(self, bench: OpenedDrive) -> None:
         """Power and both heartbeats end; a limit holds until then, and a drive without one refuses it."""
         drive = bench.drive
-        own_ma = drive.current_limit_ma()
+        own_ma = drive.reports.current_limit_ma()
         if own_ma is None:
             assert _refuses(lambda: drive.configure(bench.heartbeat, 1))
             return
         drive.configure(bench.heartbeat, own_ma // 2)
-        limit_ma = drive.current_limit_ma()
+        limit_ma = drive.reports.current_limit_ma()
         assert limit_ma is not None
         assert 0.9 * (own_ma // 2) < limit_ma <= own_ma // 2 + 1
         drive.close()
-        assert drive.current_limit_ma() == own_ma
+        assert drive.reports.current_limit_ma() == own_ma
         bench.silent_clock.sleep(2 * bench.heartbeat.timeout_ms / 1000)
-        assert drive.faults() == ()
+        assert drive.fault() is None
         assert _refuses(drive.read)
 
 

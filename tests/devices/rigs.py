@@ -12,7 +12,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.drive import Homing
+from labrig.devices.drives.drive import STILL_POLL_S, Homing
 from labrig.devices.drives.epos2 import DRIVE, Epos2Axis
 from labrig.devices.drives.objects import Place
 from labrig.devices.hardware import Hardware
@@ -121,6 +121,11 @@ class OneDrive:
         """Home to the end."""
         for _ in self.driver.home(homing):
             self.clock.sleep(0.005)
+
+    def settle(self, within_s: float) -> None:
+        """Wait until the axis stands still."""
+        for _ in self.driver.wait_until_still(within_s):
+            self.clock.sleep(STILL_POLL_S)
 
     def values(self, *places: Place) -> tuple[int, ...]:
         """Return what objects of the drive hold."""

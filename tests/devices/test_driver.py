@@ -16,7 +16,7 @@ from labrig.devices.drives.cia402 import still_time_s
 from labrig.devices.drives.drive import HERE, STILL_COUNTS, Homing
 from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
-from labrig.devices.drives.states import ENABLE, HALT, NEW_SETPOINT, DriveState, TargetState, decode_state
+from labrig.devices.drives.states import ENABLE, HALT, NEW_SETPOINT, DriveState, decode_state
 from labrig.devices.input_channel import InputChannel
 from labrig.errors import DriveError, DriveFaultError, DriveRefusedError, InputError
 from tests.devices import epos2_places as od
@@ -49,7 +49,13 @@ def _ready4() -> Iterator[OneDrive]:
 
 
 def _state(one: OneDrive) -> DriveState:
-    return decode_state(one.driver.statusword())
+    return decode_state(one.driver.upload(co.STATUSWORD))
+
+
+def _fault(one: OneDrive) -> DriveFaultError:
+    fault = one.driver.fault()
+    assert fault is not None
+    return fault
 
 
 # Connecting
@@ -112,7 +118,7 @@ def test_another_drive_is_refused(
 
 def test_a_moving_axis_is_stopped_before_it_is_configured(ready: OneDrive) -> None:
     """A crashed program has left it moving; its target becomes its position, and Halt is set, before it has power."""
-    ready.driver.start_profile(100_000, 120)
+    ready.driver.start_move(25.0, 1.0)
     ready.clock.sleep(2.0)
     ready.driver.configure(HEARTBEAT, None)
     stopped_at = ready.drive.shaft_counts
@@ -131,7 +137,7 @@ def test_the_fingerprint_is_as_before_whatever_labrig_writes(epos2: OneDrive) ->
     driver.identify()
     driver.configure(HEARTBEAT, 500)
     driver.enable()
-    driver.start_profile(10, 77)
+    driver.start_move(0.0025, 77 / 120)
     driver.close()
     assert epos2.values(*od.CONFIGURATION) == (1, 2)
     with pytest.raises(DriveError, match="parameters have been changed"):
@@ -151,12 +157,12 @@ def test_a_drive_with_only_the_required_objects_moves(tmp_path: Path) -> None:
         one.clock.sleep(2.0)
         assert one.driver.read().target_reached
         assert one.drive.shaft_counts == 4000
-        assert (one.driver.current_ma(), one.driver.current_limit_ma()) == (None, None)
+        assert (one.driver.reports.current_ma(), one.driver.reports.current_limit_ma()) == (None, None)
         with pytest.raises(DriveError, match="no current limit that labrig can set") as refusal:
             one.driver.configure(HEARTBEAT, 500)
         assert "--current-ma 0" in refusal.value.hint
         one.drive.fail(0x2310)
-        assert one.driver.faults()[0].code == 0
+        assert _fault(one).code == 0
 
 
 def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
@@ -186,12 +192,12 @@ def test_a_stale_acknowledge_is_no_success(ready: OneDrive) -> None:
     """A set-point bit left high by another program would hide the next move; the driver notices."""
     ready.driver.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT)
     with pytest.raises(DriveError, match="get ready for a set-point"):
-        ready.driver.start_profile(1000, 120)
+        ready.driver.start_move(0.25, 1.0)
 
 
 def test_halting_a_drive_without_power_does_not_switch_it_on(ready: OneDrive) -> None:
     """Halt has the enable bits set, so it is sent only to an enabled drive."""
-    ready.driver.go_to(TargetState.POWER_OFF)
+    ready.driver.close()
     ready.driver.stop()
     assert _state(ready) is DriveState.SWITCH_ON_DISABLED
 
@@ -200,12 +206,12 @@ def test_halting_a_drive_without_power_does_not_switch_it_on(ready: OneDrive) ->
 def test_a_creep_is_no_standstill_which_is_noticed_in_time(rpm: int, ready: OneDrive) -> None:
     """500 pulses a turn: 1 rpm, the slowest speed, is 1.7 counts in 50 ms; within 0.2 s standstill is certain."""
     before_s = ready.clock.now_s()
-    ready.driver.settle(0.5)
+    ready.settle(0.5)
     assert 0.15 <= ready.clock.now_s() - before_s <= 0.2
-    ready.driver.start_profile(4000 * rpm, 1)
+    ready.driver.start_move(1.0 * rpm, 1 / 120)
     ready.clock.sleep(1.0)
     with pytest.raises(DriveError, match="still moves"):
-        ready.driver.settle(2.0)
+        ready.settle(2.0)
 
 
 @given(pulses=st.integers(188, 65_535), phase=st.floats(0, 1))
@@ -222,7 +228,7 @@ def test_a_drive_that_obeys_no_command_is_told(epos2: OneDrive, answers: list[in
     words = cycle(answers)
     epos2.drive.objects._live = {**epos2.drive.objects._live, co.STATUSWORD: lambda: next(words)}
     with pytest.raises(DriveError, match=r"stayed in .* for 1 s on the way to ENABLED"):
-        epos2.driver.go_to(TargetState.ENABLED)
+        epos2.driver.enable()
     assert epos2.clock.now_s() == pytest.approx(1.0, abs=0.05)
 
 
@@ -234,7 +240,7 @@ def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
         other.enable()
         other.start_move(50.0, 5.0)
         one.driver.stop(quick=True)
-        one.driver.settle(2.0)
+        one.settle(2.0)
         assert not one.drive.is_moving
         with pytest.raises(InputError, match=r"cannot read .*none\.eds"):
             one.driver.identify()
@@ -273,7 +279,7 @@ def test_an_input_has_the_name_of_its_function(epos2: OneDrive, bit: int, name: 
     channels = {"wired": InputChannel(source=name), "other": InputChannel(source="general-B")}
     epos2.drive.set_input(name, 1.0)
     assert epos2.values(od.INPUT_STATE) == (1 << bit,)
-    assert epos2.reopen(inputs=channels).read_inputs() == {"wired": True, "other": False}
+    assert epos2.reopen(inputs=channels).reports.read_inputs() == {"wired": True, "other": False}
 
 
 def test_a_drive_of_another_make_has_currents_and_no_reported_reference(tmp_path: Path) -> None:
@@ -285,12 +291,12 @@ def test_a_drive_of_another_make_has_currents_and_no_reported_reference(tmp_path
         assert one.driver.is_referenced()
         one.driver.start_move(-2.0, 1.0)
         one.clock.sleep(0.5)
-        assert (one.driver.current_ma(), one.driver.current_limit_ma()) == (-60.0, 10_000)
+        assert (one.driver.reports.current_ma(), one.driver.reports.current_limit_ma()) == (-60.0, 10_000)
         one.clock.sleep(3.0)
         one.driver.configure(HEARTBEAT, 1234)
-        assert one.driver.current_limit_ma() == 1230
+        assert one.driver.reports.current_limit_ma() == 1230
         one.driver.close()
-        assert one.driver.current_limit_ma() == 10_000
+        assert one.driver.reports.current_limit_ma() == 10_000
         one.drive.restart()
         assert not one.driver.is_referenced()
 
@@ -328,13 +334,13 @@ def _hear_and_lose(one: OneDrive) -> None:
 def test_a_reset_of_the_communication_restores_heartbeats(ready4: OneDrive) -> None:
     """An EPOS4 needs a communication reset first, which clears both heartbeats."""
     _hear_and_lose(ready4)
-    assert ready4.driver.faults()[0].code == 0x8130
+    assert _fault(ready4).code == 0x8130
     ready4.driver.reset_fault()
-    assert ready4.driver.faults() == ()
+    assert ready4.driver.fault() is None
     assert ready4.values(co.CONSUMER_HEARTBEAT, co.PRODUCER_HEARTBEAT) == (127 << 16 | 500, 100)
     ready4.driver.enable()
     _hear_and_lose(ready4)
-    assert ready4.driver.faults()
+    assert ready4.driver.fault()
 
 
 @pytest.mark.parametrize(
@@ -345,11 +351,11 @@ def test_an_error_is_described_by_its_code_or_class(ready4: OneDrive, code: int,
     """The code comes from 0x603F; each has a remedy."""
     ready4.drive.fail(code)
     ready4.clock.sleep(0.5)
-    (fault,) = ready4.driver.faults()
+    fault = _fault(ready4)
     assert fault.code == code
     assert fault.hint
     with pytest.raises(DriveFaultError, match=words):
-        ready4.driver.raise_if_faulted()
+        ready4.driver.configure(HEARTBEAT, None)
 
 
 def test_a_fault_whose_cause_persists_is_not_reset(ready4: OneDrive) -> None:

@@ -146,7 +146,7 @@ def test_a_blocked_axis_is_stopped_before_its_drive_fails(speed: float, told_wit
         stopped_s = next(t_s for t_s in instants(opened.drives["linear"], "brake") if t_s >= blocked_s)
         assert stopped_s - blocked_s < told_within_s
         # From 20 mm/s it brakes over a whole millimetre, and its drive fails on the way.
-        assert bool(opened.rig.axis("linear").drive.faults()) is (speed > 5)
+        assert bool(opened.rig.axis("linear").drive.fault()) is (speed > 5)
 
 
 @contextmanager

@@ -309,7 +309,7 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
         axis = opened.rig.axis("insertion")
         assert wait_for_all({"one": axis.wait_until_still()}, opened.rig._heartbeat) == {}
         assert isinstance(axis.drive, Cia402Drive)
-        statusword = axis.drive.statusword()
+        statusword = axis.drive.upload(co.STATUSWORD)
         assert _still(opened.hardware)
         assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
 

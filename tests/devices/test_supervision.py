@@ -21,6 +21,7 @@ from labrig.devices.simulated.node import NmtState
 from labrig.errors import (
     DriveFaultError,
     DriveSilentError,
+    DriveStrayedError,
     InterruptedRunError,
     LabrigError,
     MachineError,
@@ -152,6 +153,28 @@ def test_nothing_beats_before_a_finding_is_dealt_with(what: str) -> None:
             with pytest.raises(LabrigError):
                 opened.rig.supervise()
             assert heard.times_s == []
+
+
+def _command_unheard(opened: OpenedRig) -> None:
+    for place, value in ((co.TARGET_POSITION, 64_000), (co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x3F)):
+        opened.drives["linear"].objects.put(place, value)
+
+
+@pytest.mark.parametrize("moves", [("linear", 100.0, 1.0), None], ids=["moving", "idle"])
+@pytest.mark.parametrize("move", [_command, _command_unheard], ids=["heard", "unheard"])
+@pytest.mark.parametrize("after_s", [0.0, 0.07, 0.15])
+def test_foreign_motion_is_stopped_and_told_within_half_a_second(
+    after_s: float, move: Callable[[OpenedRig], None], moves: tuple[str, float, float] | None
+) -> None:
+    """By another program's set-point, also one of which nothing on the bus tells, whenever the last look was."""
+    with ready_rig(moves=moves) as opened:
+        opened.rig.wait(after_s)
+        struck_s, linear = opened.hardware.clock.now_s(), opened.drives["linear"]
+        move(opened)
+        assert linear.is_moving
+        with pytest.raises(SecondMasterError if move is _command else DriveStrayedError):
+            opened.rig.wait(5.0)
+        assert struck_s <= linear.shaft.still_s <= opened.hardware.clock.now_s() <= struck_s + 0.5
 
 
 def test_another_master_ends_an_exchange_with_drives() -> None:

@@ -28,7 +28,8 @@ def check_axis(link: CanLink, axis: AxisDescription, name: str, clock: Clock) ->
     drive = Cia402Drive(link, axis, name, clock)
     try:
         yield _check_identity(drive, name)
-        drive.raise_if_faulted()
+        if fault := drive.fault():
+            raise fault
         yield from (failed(f"settings {name}", error) for error in drive.find_differences())
         if not axis.unknown:
             excesses = [failed(f"limits {name}", error) for error in drive.find_excesses()]
@@ -53,7 +54,7 @@ def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
 
 
 def _check_reference(drive: Cia402Drive, name: str) -> CheckResult:
-    state = decode_state(drive.statusword()).name
+    state = decode_state(drive.upload(co.STATUSWORD)).name
     if drive.is_referenced():
         return passed(f"reference {name}", f"referenced, {state}")
     solution = f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE"
@@ -63,7 +64,7 @@ def _check_reference(drive: Cia402Drive, name: str) -> CheckResult:
 def _check_current(drive: Cia402Drive, name: str) -> CheckResult:
     """Tell the current, its limits, and whether a stall is guarded against; a run writes the lower limit."""
     check, asked_ma = f"current {name}", drive.section.max_current_ma
-    own_ma, now_ma = drive.current_limit_ma(), drive.current_ma()
+    own_ma, now_ma = drive.reports.current_limit_ma(), drive.reports.current_ma()
     now = "not reported" if now_ma is None else f"{now_ma:.0f} mA"
     if own_ma is None:
         value = f"{now}; neither limited nor guarded against a stall: no current limit of this drive is known"
@@ -77,7 +78,7 @@ def _check_current(drive: Cia402Drive, name: str) -> CheckResult:
 
 def _check_inputs(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:
     """Read each input that the rig file names, and compare it with its limits."""
-    for channel_name, value in drive.read_inputs().items():
+    for channel_name, value in drive.reports.read_inputs().items():
         check, channel = f"input {channel_name}", drive.section.inputs[channel_name]
         limits = channel.format_limits() or "only recorded"
         what = f"{channel.format_value(value)} at {channel.source} of the drive of axis {name}, {limits}"

@@ -62,7 +62,6 @@ from labrig.devices.drives.states import (
     is_attained,
     plan_controlword,
 )
-from labrig.devices.input_channel import InputValue
 from labrig.errors import DriveError, DriveFaultError
 
 POLL_S = 0.005
@@ -113,7 +112,7 @@ class Cia402Drive(DriveNode):
         self._heartbeat: HeartbeatDescription | None = None
         self._own_limit: dict[Place, int] = {}
         self._was_enabled = self._has_homed = False
-        self._reports = DriveReports(self, link)
+        self.reports = DriveReports(self, link)
 
     # Units
 
@@ -136,7 +135,7 @@ class Cia402Drive(DriveNode):
         section, place = self.section, self.model.motor_speed_limit
         own_speed = None if place is None else self.scale.to_speed(self.upload(place))
         for key, asked, own in (
-            ("max_current_ma", section.max_current_ma, self.current_limit_ma()),
+            ("max_current_ma", section.max_current_ma, self.reports.current_limit_ma()),
             ("max_speed", section.nearest_speed(section.max_speed), own_speed),
         ):
             if asked is not None and own is not None and asked > own:
@@ -145,7 +144,9 @@ class Cia402Drive(DriveNode):
                     f"write {own:.6g} or less, or raise the limit in {self.model.tool} if axis and motor bear it",
                 )
 
-    def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
+    def configure(
+        self, heartbeat: HeartbeatDescription, max_current_ma: int | None, own_ma: int | None = None
+    ) -> None:
         """Stop the axis, switch power off, write the settings of its section, and make the drive stop by itself.
 
         From here on the drive sends heartbeats, and `check` notices when they stop. It stops when those of the computer
@@ -157,6 +158,8 @@ class Cia402Drive(DriveNode):
             Period, node id, and the silence after which the drive stops.
         max_current_ma : int or None
             Limit of the output current until `close` [mA]; None keeps its own limit.
+        own_ma : int or None
+            Its own limit, if a labrig that was killed has left another one there [mA].
 
         Raises
         ------
@@ -167,19 +170,23 @@ class Cia402Drive(DriveNode):
         self._fingerprint = ()  # written back last
         found = self.read_fingerprint()
         self.send_nmt(NMT_START)
-        self.raise_if_faulted()
+        self.check()
+        self._refuse_fault(self._statusword())
         self.stop()
-        self.settle(ANSWER_TIME_S)
-        self.go_to(TargetState.POWER_OFF)
+        self._settle()
+        self._go_to(TargetState.POWER_OFF)
+        if self.reports.current_limit and own_ma not in {None, self.reports.current_limit_ma()}:
+            place, milliamperes = self.reports.current_limit
+            self.adjust({place: round(own_ma / milliamperes)})
         raise_together([*self.find_excesses()])
         self._heartbeat = heartbeat
-        self.watch(heartbeat)
+        self._watch(heartbeat)
         settings = list_settings(self.section, self.model) | self._limit_current(max_current_ma)
         self.adjust(settings)
-        self._reports.switch_on()
+        self.reports.switch_on()
         self._settings = {
             **settings,
-            **self.make_stop_by_itself(heartbeat, reports=bool(self._reports.layout)),
+            **self._make_stop_by_itself(heartbeat, reports=bool(self.reports.layout)),
         }
         self._fingerprint = found
         self.adjust(dict(zip(self.model.fingerprint, found, strict=True)))
@@ -188,7 +195,7 @@ class Cia402Drive(DriveNode):
         """Return the setting that limits the current, and keep the drive's own for `close`."""
         if max_current_ma is None:
             return {}
-        found = self._reports.current_limit
+        found = self.reports.current_limit
         if found is None:
             raise DriveError(
                 f"{self.name} has no current limit that labrig can set, asked for {max_current_ma} mA",
@@ -203,25 +210,25 @@ class Cia402Drive(DriveNode):
         """Return settings of the drive and how often it answered amiss, for the record."""
         return {
             "drive_settings": {str(place): value for place, value in self._settings.items()},
-            "retries": self.sdo.retries + self._reports.missed,
-            "strays": self.sdo.strays + self._reports.strays,
+            "retries": self.sdo.retries + self.reports.missed,
+            "strays": self.sdo.strays + self.reports.strays,
         }
 
     def close(self) -> None:
         """Switch power off, restore the current limit, and end both heartbeats without a fault."""
-        self.go_to(TargetState.POWER_OFF)
+        self._go_to(TargetState.POWER_OFF)
         self._silence_s = math.inf
         self.adjust({**self._own_limit, co.CONSUMER_HEARTBEAT: 0, co.PRODUCER_HEARTBEAT: 0})
 
     # States
 
-    def statusword(self) -> int:
-        """Return the statusword."""
+    def _statusword(self) -> int:
+        """Return the statusword, and remember whether it is that of an enabled drive."""
         statusword = self.upload(co.STATUSWORD)
         self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
         return statusword
 
-    def go_to(self, goal: TargetState) -> None:
+    def _go_to(self, goal: TargetState) -> None:
         """Bring the drive to a goal of its state machine.
 
         Raises
@@ -231,7 +238,7 @@ class Cia402Drive(DriveNode):
         """
         since_s: dict[DriveState, float] = {}
         while True:
-            statusword = self.statusword()
+            statusword = self._statusword()
             state, now_s = decode_state(statusword), self._clock.now_s()
             if goal is TargetState.ENABLED:
                 self._refuse_fault(statusword)
@@ -252,12 +259,12 @@ class Cia402Drive(DriveNode):
         """Switch the power stage on; the axis holds its position. Raises `DriveError`, also on a fault."""
         self._set_mode(co.PROFILE_POSITION)
         self.download(co.CONTROLWORD, HALT)
-        self.download(co.TARGET_POSITION, self.counter())
-        self.go_to(TargetState.ENABLED)
+        self.download(co.TARGET_POSITION, self.upload(co.POSITION_ACTUAL))
+        self._go_to(TargetState.ENABLED)
 
     def _set_mode(self, mode: int) -> None:
         """Set the mode of operation, and wait until the drive is in it."""
-        self.ensure(co.MODE, mode)
+        self._ensure(co.MODE, mode)
         if self.model.has(co.MODE_DISPLAY):
             self._wait_until(lambda: self.upload(co.MODE_DISPLAY) == mode, f"enter mode of operation {mode}")
 
@@ -273,13 +280,9 @@ class Cia402Drive(DriveNode):
 
     # Reading
 
-    def counter(self) -> int:
-        """Return the actual position [counts]."""
-        return self.upload(co.POSITION_ACTUAL)
-
     def position(self) -> float:
         """Return the position of the axis [mm or rad]."""
-        return self._position(self.counter())
+        return self._position(self.upload(co.POSITION_ACTUAL))
 
     def target(self) -> float:
         """Return the target position that the drive now has [mm or rad]."""
@@ -298,12 +301,12 @@ class Cia402Drive(DriveNode):
         DriveError
             When the drive cannot move: a fault, a restart, silence, or power off.
         """
-        values = self._reports.read(since_s)
+        values = self.reports.read(since_s)
         statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
         self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
         self.check()
         if not self._was_enabled:
-            self.require_enabled(statusword)
+            self._require_enabled(statusword)
         arrived = self._target is None or (
             bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
         )
@@ -311,35 +314,9 @@ class Cia402Drive(DriveNode):
             self._position(counter),
             statusword,
             arrived,
-            self._reports.convert_current(values),
-            self._reports.convert_inputs(values),
+            self.reports.convert_current(values),
+            self.reports.convert_inputs(values),
         )
-
-    def read_inputs(self) -> dict[str, InputValue]:
-        """Return what the inputs read that its section names."""
-        return self._reports.read_inputs()
-
-    def current_ma(self) -> float | None:
-        """Return the motor current, with its sign [mA]; None if the drive does not measure it."""
-        found = self._reports.current
-        return None if found is None else self.upload(found[0]) * found[1]
-
-    def current_limit_ma(self) -> int | None:
-        """Return the limit of the output current [mA]; None if the drive has none."""
-        found = self._reports.current_limit
-        return None if found is None else math.floor(self.upload(found[0]) * found[1])
-
-    def set_current_limit(self, limit_ma: int) -> None:
-        """Set the limit of the output current, where the drive has one [mA]."""
-        found = self._reports.current_limit
-        if found is not None:
-            self._fingerprint = self.read_fingerprint()
-            self.adjust({found[0]: round(limit_ma / found[1])})
-
-    def lag(self) -> float | None:
-        """Return the following error, with its sign [mm or rad]; None if the drive does not tell it."""
-        place = self.model.following_error
-        return self.upload(place) / self.scale.counts_per_unit if self.model.has(place) else None
 
     # Moving
 
@@ -354,16 +331,12 @@ class Cia402Drive(DriveNode):
         It replaces a move in progress.
         """
         self._target = self._counter(position)
-        self.start_profile(self._target, self.scale.to_speed_units(speed))
-
-    def start_profile(self, target: int, speed_units: int) -> None:
-        """Start a profile to a counter, in units of speed of the drive, with both edges of the set-point handshake."""
         # The drive takes a set-point at the rising edge of its bit; an acknowledge of an earlier one would seem
         # to be its own.
         self._wait_until(lambda: not self._acknowledges(), "get ready for a set-point")
         self._set_mode(co.PROFILE_POSITION)
-        self.adjust({co.PROFILE_VELOCITY: speed_units})
-        self.download(co.TARGET_POSITION, target)
+        self.adjust({co.PROFILE_VELOCITY: self.scale.to_speed_units(speed)})
+        self.download(co.TARGET_POSITION, self._target)
         self.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT | CHANGE_IMMEDIATELY)
         self._wait_until(self._acknowledges, "acknowledge the set-point")
         self.download(co.CONTROLWORD, ENABLE)
@@ -371,8 +344,8 @@ class Cia402Drive(DriveNode):
 
     def _acknowledges(self) -> bool:
         """Tell whether an enabled drive acknowledges a set-point."""
-        statusword = self.statusword()
-        self.require_enabled(statusword)
+        statusword = self._statusword()
+        self._require_enabled(statusword)
         return bool(statusword & SETPOINT_ACKNOWLEDGED)
 
     # Stopping
@@ -391,13 +364,13 @@ class Cia402Drive(DriveNode):
     def stop(self, *, quick: bool = False) -> None:
         """Decelerate and hold, if power is on; a quick stop leaves operation enabled, and wakes a stopped node."""
         if quick:
-            self.do_awake(lambda: self.go_to(TargetState.QUICK_STOPPED))
-        elif decode_state(self.statusword()) is DriveState.OPERATION_ENABLED:
+            self._do_awake(lambda: self._go_to(TargetState.QUICK_STOPPED))
+        elif decode_state(self._statusword()) is DriveState.OPERATION_ENABLED:
             self.download(co.CONTROLWORD, ENABLE | HALT)
 
-    def settle(self, within_s: float) -> None:
-        """Return when the axis stands still. Raises `DriveError` if it still moves after `within_s`."""
-        for _ in self.wait_until_still(within_s):
+    def _settle(self) -> None:
+        """Return when the axis stands still. Raises `DriveError` if it still moves after `ANSWER_TIME_S`."""
+        for _ in self.wait_until_still(ANSWER_TIME_S):
             self._clock.sleep(STILL_POLL_S)
 
     def wait_until_still(self, within_s: float) -> Iterator[None]:
@@ -406,7 +379,7 @@ class Cia402Drive(DriveNode):
         Ends when the axis stands still; until then the caller lets `STILL_POLL_S` pass after each reading.
         """
         deadline_s = self._clock.now_s() + within_s
-        readings = deque([self.counter()], maxlen=self._readings_until_still)
+        readings = deque([self.upload(co.POSITION_ACTUAL)], maxlen=self._readings_until_still)
         while len(readings) < self._readings_until_still or max(readings) - min(readings) > STILL_COUNTS:
             if self._clock.now_s() > deadline_s:
                 raise DriveError(
@@ -415,7 +388,7 @@ class Cia402Drive(DriveNode):
                     "press the emergency stop",
                 )
             yield
-            readings.append(self.counter())
+            readings.append(self.upload(co.POSITION_ACTUAL))
 
     # Reference
 
@@ -436,11 +409,11 @@ class Cia402Drive(DriveNode):
         self.adjust(settings)
         self.download(co.CONTROLWORD, ENABLE)
         # An attained bit from an earlier homing does not count until it has fallen.
-        is_fresh = not self.statusword() & HOMING_ATTAINED or homing.method == HOMING_HERE
+        is_fresh = not self._statusword() & HOMING_ATTAINED or homing.method == HOMING_HERE
         self.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT)
         while True:
-            statusword = self.statusword()
-            self.require_enabled(statusword)
+            statusword = self._statusword()
+            self._require_enabled(statusword)
             if statusword & HOMING_ERROR:
                 raise DriveError(
                     f"{self.name} did not find home (statusword 0x{statusword:04X})",
@@ -452,12 +425,12 @@ class Cia402Drive(DriveNode):
             if self._clock.now_s() > due_s:
                 raise DriveError(f"{self.name} did not find home in time", "see its homing section")
             yield
-        self.settle(ANSWER_TIME_S)
+        self._settle()
         self._hold_at_home(homing)
 
     def _hold_at_home(self, homing: Homing) -> None:
         """Hold, after checking the counter: even a fresh bit can be wrong, and makers differ in the sign of a home."""
-        counter, home = self.counter(), self.scale.to_counts(homing.position)
+        counter, home = self.upload(co.POSITION_ACTUAL), self.scale.to_counts(homing.position)
         reads = f"{self.name} reads {counter} counts"
         if homing.method == HOMING_HERE and abs(counter - home) > STILL_COUNTS:
             raise DriveError(f"{reads} after homing here, expected {home}", CHECK_POWER)
@@ -476,11 +449,11 @@ class Cia402Drive(DriveNode):
         bit = self.model.referenced_bit
         if bit is None:
             return self._has_homed and not self.has_restarted
-        return bool(self.statusword() >> bit & 1)
+        return bool(self._statusword() >> bit & 1)
 
     def assume_position(self, position: float) -> None:
         """Assume that the axis is at this position [mm or rad]; the drive keeps its counter."""
-        self._offset_counts = self.scale.to_counts(position) - self.counter()
+        self._offset_counts = self.scale.to_counts(position) - self.upload(co.POSITION_ACTUAL)
         self._target = None
 
     def set_limits(self, limits: tuple[float, float] | None) -> None:
@@ -497,12 +470,7 @@ class Cia402Drive(DriveNode):
 
     # Faults
 
-    def raise_if_faulted(self) -> None:
-        """Raise a fault that the drive has reported or that its statusword shows. Raises `DriveError`."""
-        self.check()
-        self._refuse_fault(self.statusword())
-
-    def require_enabled(self, statusword: int) -> None:
+    def _require_enabled(self, statusword: int) -> None:
         """Refuse a statusword with which the drive cannot move, and what the drive has said. Raises `DriveError`."""
         self.check()
         state = decode_state(statusword)
@@ -516,15 +484,15 @@ class Cia402Drive(DriveNode):
 
     def _refuse_fault(self, statusword: int) -> None:
         if decode_state(statusword) in FAULTED:
-            raise self.make_fault(self.find_error_code(), self.upload(co.ERROR_REGISTER))
+            raise self._make_fault(self._find_error_code(), self.upload(co.ERROR_REGISTER))
 
-    def faults(self) -> tuple[DriveFaultError, ...]:
+    def fault(self) -> DriveFaultError | None:
         """Return the newest fault, if the statusword shows one."""
         try:
-            self._refuse_fault(self.upload(co.STATUSWORD))
+            self._refuse_fault(self._statusword())
         except DriveFaultError as fault:
-            return (fault,)
-        return ()
+            return fault
+        return None
 
     def reset_fault(self) -> None:
         """Reset a fault that a person has confirmed; power stays off and nothing moves.
@@ -534,17 +502,17 @@ class Cia402Drive(DriveNode):
         DriveFaultError
             When the cause persists.
         """
-        faults = self.faults()
-        if not faults:
+        fault = self.fault()
+        if fault is None:
             return
-        if faults[0].code in self.model.reset_communication_first:
+        if fault.code in self.model.reset_communication_first:
             self._reset_communication()
         self.download(co.CONTROLWORD, 0)
         self.download(co.CONTROLWORD, FAULT_RESET)
         self._clock.sleep(_RESET_TIME_S)
         self.download(co.CONTROLWORD, 0)
         self._emergency = None
-        for fault in self.faults():
+        if fault := self.fault():
             raise fault.reword(f"{fault.message}; it could not be reset, its cause is still there")
 
     def _reset_communication(self) -> None:
@@ -554,6 +522,6 @@ class Cia402Drive(DriveNode):
         self.has_restarted = False
         self.send_nmt(NMT_START)
         if self._heartbeat is not None:
-            self.watch(self._heartbeat)
-            self.adjust(self.consume(self._heartbeat))
-            self._reports.switch_on()
+            self._watch(self._heartbeat)
+            self.adjust(self._consume(self._heartbeat))
+            self.reports.switch_on()

@@ -121,7 +121,7 @@ class DriveNode:
             )
         self.sdo.download(place, variable.encode_raw(value), f"{variable.name} ({place}) = {value}")
 
-    def ensure(self, place: Place, value: int) -> bool:
+    def _ensure(self, place: Place, value: int) -> bool:
         """Write an object if it differs, and read it back; return whether it was written."""
         if self.upload(place) == value:
             return False
@@ -138,10 +138,10 @@ class DriveNode:
         """Write the settings that differ; the drive keeps its fingerprint. Raises `DriveError`."""
         # One that has restarted may be another drive: it keeps what it says now.
         kept = self.read_fingerprint() if self.has_restarted else self._fingerprint
-        written = [self.ensure(place, value) for place, value in settings.items()]
+        written = [self._ensure(place, value) for place, value in settings.items()]
         if any(written) and kept:
             for place, value in zip(self.model.fingerprint, kept, strict=True):
-                self.ensure(place, value)
+                self._ensure(place, value)
 
     # Connecting
 
@@ -168,7 +168,7 @@ class DriveNode:
     def read_identity(self) -> Identity:
         """Return the identity of the drive, whatever its settings. Raises as `identify`."""
         self.section.model()
-        self.do_awake(lambda: self.upload(co.VENDOR_ID))
+        self._do_awake(lambda: self.upload(co.VENDOR_ID))
         strays = self.sdo.strays
         identity = self._compare_product()
         if self.sdo.strays - strays >= _CLASHING_ANSWERS:
@@ -227,7 +227,7 @@ class DriveNode:
         """Send an NMT command to this node; NMT is not answered."""
         self._link.send(0x000, bytes([command, self.node_id]))
 
-    def do_awake(self, act: Callable[[], _T]) -> _T:
+    def _do_awake(self, act: Callable[[], _T]) -> _T:
         """Do something, and again once the node has been woken if it does not answer and may be in NMT stopped."""
         try:
             return act()
@@ -239,7 +239,7 @@ class DriveNode:
 
     # Stopping by itself
 
-    def make_stop_by_itself(
+    def _make_stop_by_itself(
         self, heartbeat: HeartbeatDescription, *, reports: bool
     ) -> dict[Place, int | None]:
         """Make the drive stop when the computer's heartbeat does, and obey nobody else.
@@ -268,7 +268,7 @@ class DriveNode:
             if place.index in _PDOS and place.subindex == 1 and place not in used and self.model.takes(place)
         ]
         settings = {
-            **self.consume(heartbeat),
+            **self._consume(heartbeat),
             **{place: value for place, value in self.model.stop_options.items() if self.model.has(place)},
             **{place: self.upload(place) | co.PDO_INVALID for place in unused},
         }
@@ -276,7 +276,7 @@ class DriveNode:
         for place, value in settings.items():
             self._clock.sleep(0.0)  # lets a heartbeat that is due be sent
             try:
-                self.ensure(place, value)
+                self._ensure(place, value)
                 kept[place] = value
             except DriveError as error:
                 if not isinstance(error, DriveRefusedError) or error.code != NO_OBJECT:
@@ -289,12 +289,12 @@ class DriveNode:
 
     # What the drive says by itself
 
-    def watch(self, heartbeat: HeartbeatDescription) -> None:
+    def _watch(self, heartbeat: HeartbeatDescription) -> None:
         """Switch the drive's heartbeat on; it counts as silent after the timeout without one."""
         self.adjust({co.PRODUCER_HEARTBEAT: heartbeat.period_ms})
         self._heard_s, self._silence_s = self._clock.now_s(), heartbeat.timeout_ms / 1000
 
-    def consume(self, heartbeat: HeartbeatDescription) -> dict[Place, int]:
+    def _consume(self, heartbeat: HeartbeatDescription) -> dict[Place, int]:
         """Return the setting with which the drive misses the computer's heartbeat."""
         return {co.CONSUMER_HEARTBEAT: heartbeat.computer_node_id << 16 | heartbeat.timeout_ms}
 
@@ -311,7 +311,7 @@ class DriveNode:
                 "find out why it lost power; do not home while a needle is in tissue",
             )
         if self._emergency is not None:
-            raise self.make_fault(*self._emergency)
+            raise self._make_fault(*self._emergency)
         silent_s = self._clock.now_s() - self._heard_s
         if silent_s > self._silence_s:
             raise DriveSilentError(
@@ -322,13 +322,13 @@ class DriveNode:
                 axis=self.axis,
             )
 
-    def find_error_code(self) -> int:
+    def _find_error_code(self) -> int:
         """Return the code of the newest error that the drive reports; 0 without one."""
         if code := self.find(co.ERROR_CODE):
             return code
         return self.upload(co.LAST_ERROR) & 0xFFFF if self.find(co.ERROR_COUNT) else 0
 
-    def make_fault(self, code: int, register: int) -> DriveFaultError:
+    def _make_fault(self, code: int, register: int) -> DriveFaultError:
         """Return the error of a fault of the drive."""
         text, remedy = describe_emergency(code, self.model.errors)
         return DriveFaultError(

@@ -9,6 +9,7 @@ What is decided here
   is read by SDO. The mapping is not stored: it ends with the drive's power.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from queue import SimpleQueue
@@ -64,7 +65,7 @@ class DriveReports:
 
     def switch_on(self) -> None:
         """Make the drive report at each SYNC, if its PDO can be mapped and switched on."""
-        places = (*_REPORTED, self.current[0]) if self.current is not None else _REPORTED
+        places = (*_REPORTED, self._current[0]) if self._current is not None else _REPORTED
         fits = sum(len(self._node.variables[place]) for place in places) <= _PDO_BITS
         wanted = places if fits else _REPORTED
         self.layout = wanted if self._send_at_sync(wanted) else ()
@@ -99,7 +100,7 @@ class DriveReports:
         between asks for it if the axis lags.
         """
         values = {} if since_s is None or not self.layout else self._take(since_s)
-        current = () if self.current is None or since_s is None else (self.current[0],)
+        current = () if self._current is None or since_s is None else (self._current[0],)
         for place in (*_REPORTED, *current, *(place for place, _ in self._inputs.values())):
             if place not in values:
                 values[place] = self._node.upload(place)
@@ -117,8 +118,22 @@ class DriveReports:
 
     # Load
 
+    def lag(self) -> float | None:
+        """Return the following error, with its sign [mm or rad]; None if the drive does not tell it."""
+        node, place = self._node, self._node.model.following_error
+        return node.upload(place) / node.scale.counts_per_unit if node.model.has(place) else None
+
+    def current_ma(self) -> float | None:
+        """Return the motor current, with its sign [mA]; None if the drive does not measure it."""
+        return None if self._current is None else self._node.upload(self._current[0]) * self._current[1]
+
+    def current_limit_ma(self) -> int | None:
+        """Return the limit of the output current [mA]; None if the drive has none."""
+        found = self.current_limit
+        return None if found is None else math.floor(self._node.upload(found[0]) * found[1])
+
     @cached_property
-    def current(self) -> tuple[Place, float] | None:
+    def _current(self) -> tuple[Place, float] | None:
         """Object of the motor current and its unit [mA]; None without one.
 
         The torque 0x6077 is in thousandths of the rated torque, which the motor has at its rated current 0x6075.
@@ -140,9 +155,9 @@ class DriveReports:
 
     def convert_current(self, values: Mapping[Place, int]) -> float | None:
         """Return the motor current among reported values [mA]."""
-        if self.current is None or self.current[0] not in values:
+        if self._current is None or self._current[0] not in values:
             return None
-        return values[self.current[0]] * self.current[1]
+        return values[self._current[0]] * self._current[1]
 
     @cached_property
     def _inputs(self) -> dict[str, _Input]:

@@ -1,13 +1,12 @@
-"""The client of CANopen's SDO protocol (CiA 301): one transfer at a time for each node, with counted retries.
+"""The client of CANopen's SDO protocol (CiA 301): one transfer at a time, with counted retries.
 
-`canopen`'s own client has no lock, does not retry, sends aborts, and accepts any answer that comes next. Here an answer
+`canopen`'s own client does not retry, sends aborts, and accepts any answer that comes next. Here an answer
 counts only if it names the requested object. Every request of labrig may be repeated: writing an object twice has no
 further effect, and moves are absolute.
 """
 
 import struct
 from queue import SimpleQueue
-from threading import Lock
 
 from labrig.devices.bus import CanLink
 from labrig.devices.drives.errors import describe_abort
@@ -55,7 +54,6 @@ class SdoClient:
         self._request_id = 0x600 + node_id
         self._answers: SimpleQueue[bytes] = SimpleQueue()
         self._posted: list[bytes] = []
-        self._lock = Lock()
         link.network.subscribe(0x580 + node_id, lambda _id, data, _t: self._answers.put(bytes(data)))
 
     def upload(self, place: Place, what: str) -> bytes:
@@ -72,17 +70,15 @@ class SdoClient:
     def post(self, place: Place, data: bytes) -> None:
         """Write an object without waiting for the answer, when every millisecond counts. Raises `BusError`."""
         request = _download_request(place, data)
-        with self._lock:
-            self._posted.append(request)
-            self._link.send(self._request_id, request)
+        self._posted.append(request)
+        self._link.send(self._request_id, request)
 
     def _exchange(self, request: bytes, what: str) -> bytes:
-        with self._lock:
-            for attempt in range(1 + _RETRIES):
-                self.retries += attempt
-                answer = self._ask(request)
-                if answer is not None:
-                    break
+        for attempt in range(1 + _RETRIES):
+            self.retries += attempt
+            answer = self._ask(request)
+            if answer is not None:
+                break
         if answer is None:
             raise DriveSilentError(
                 f"{self._name} did not answer within {self._link.answer_timeout_s:g} s, asked {1 + _RETRIES} times "

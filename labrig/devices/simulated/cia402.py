@@ -23,23 +23,14 @@ from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.dictionary import ObjectDictionary
 from labrig.devices.simulated.node import CanopenNode, NmtState
 from labrig.devices.simulated.shaft import Mechanics, MotorShaft, plan_search
+from labrig.devices.simulated.states import POWERED, STATUS, STOPPING, obey
 from labrig.devices.trapezoid import Limits
-
-_POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
-_STOPPING = frozenset({DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
-_STATUS = {
-    DriveState.SWITCH_ON_DISABLED: 0x0140,
-    DriveState.READY_TO_SWITCH_ON: 0x0121,
-    DriveState.SWITCHED_ON: 0x0123,
-    DriveState.OPERATION_ENABLED: 0x0137,
-    DriveState.QUICK_STOP_ACTIVE: 0x0117,
-    DriveState.FAULT_REACTION: 0x010F,
-    DriveState.FAULT: 0x0108,
-}
-"""What the statusword of an EPOS2 says of each state."""
 
 _REFERENCED = 0x8000
 """Bit of the statusword that a drive of maxon sets while it has its reference."""
+
+_NMT_STATES = {0x01: NmtState.OPERATIONAL, 0x02: NmtState.STOPPED, 0x80: NmtState.PRE_OPERATIONAL}
+"""NMT command -> the state to which it leads."""
 
 _GENERIC, _FOLLOWING_ERROR, _HEARTBEAT_ERROR = 0x01, 0x8611, 0x8130
 """The bit of the error register that every error sets, and codes of two errors."""
@@ -154,7 +145,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def is_powered(self) -> bool:
         """Tell whether the power stage is on."""
-        return self._state in _POWERED
+        return self._state in POWERED
 
     # What its product decides
 
@@ -228,7 +219,7 @@ class SimulatedCia402Drive(CanopenNode):
         self.shaft.tick(now_s)
         if self._homing is not None and next(self._homing, self) is self:
             self._homing = None
-        if self._state in _STOPPING and not self.is_moving:
+        if self._state in STOPPING and not self.is_moving:
             self._end_stop()
         self._read_switches(seeks_switch=seeks_switch)
         self.send_due(now_s)
@@ -260,7 +251,7 @@ class SimulatedCia402Drive(CanopenNode):
     def _read_switches(self, *, seeks_switch: bool) -> None:
         before, self._inputs = self._inputs, self._read_inputs()
         pressed = self._inputs & ~before
-        if not pressed or seeks_switch or self._state not in _POWERED:
+        if not pressed or seeks_switch or self._state not in POWERED:
             return
         stops = self._values(_SWITCH_MASK) if self._model.has(_SWITCH_MASK) else _BOTH_SWITCHES
         for bit, code in zip((_NEGATIVE_SWITCH, _POSITIVE_SWITCH), self._limit_errors, strict=False):
@@ -343,25 +334,19 @@ class SimulatedCia402Drive(CanopenNode):
     # NMT
 
     def _obey_nmt(self, command: int) -> None:
-        match command:
-            case 0x01:
-                self.nmt_state = NmtState.OPERATIONAL
-            case 0x02:
-                self.nmt_state = NmtState.STOPPED
-            case 0x80:
-                self.nmt_state = NmtState.PRE_OPERATIONAL
-            case 0x81:
-                self.restart()
-            case 0x82:
-                first = self._model.reset_communication_first
-                self._errors = [code for code in self._errors if code not in first]
-                self.objects.load(only_communication=True)
-                self.boot()
+        self.nmt_state = _NMT_STATES.get(command, self.nmt_state)
+        if command == 0x81:
+            self.restart()
+        elif command == 0x82:
+            first = self._model.reset_communication_first
+            self._errors = [code for code in self._errors if code not in first]
+            self.objects.load(only_communication=True)
+            self.boot()
 
     # State machine
 
     def _statusword(self) -> int:
-        word = _STATUS[self._state]
+        word = STATUS[self._state]
         word |= REMOTE if self.nmt_state is NmtState.OPERATIONAL else 0
         word |= _REFERENCED if self._referenced else 0
         word |= TARGET_REACHED if self._has_arrived() else 0
@@ -398,18 +383,11 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _change_state(self, word: int) -> None:
         """Make the transition that a controlword asks for; without power the axis stands where it is."""
-        powered = self.is_powered()
-        if not word & 0x02:
-            self._state = DriveState.SWITCH_ON_DISABLED
-        elif not word & 0x04:
-            self._quick_stop()
-        elif self._state is DriveState.QUICK_STOP_ACTIVE:
-            return
-        elif not word & 0x01:
-            self._state = DriveState.READY_TO_SWITCH_ON
-        elif self._state is not DriveState.SWITCH_ON_DISABLED:  # transitions 3 and 4 may be combined
-            self._state = DriveState.OPERATION_ENABLED if word & 0x08 else DriveState.SWITCHED_ON
-        if powered != self.is_powered():
+        before, self._state = self._state, obey(self._state, word)
+        if self._state is DriveState.QUICK_STOP_ACTIVE is not before:
+            self._stop_homing()
+            self._brake(co.QUICK_STOP_DECELERATION, self._clock.now_s())
+        elif (before in POWERED) != self.is_powered():
             self._hold()
 
     def _hold(self) -> None:
@@ -417,14 +395,6 @@ class SimulatedCia402Drive(CanopenNode):
         self._stop_homing()
         self._acknowledged = False
         self.shaft.hold(self._clock.now_s())
-
-    def _quick_stop(self) -> None:
-        if self._state is DriveState.OPERATION_ENABLED:
-            self._state = DriveState.QUICK_STOP_ACTIVE
-            self._stop_homing()
-            self._brake(co.QUICK_STOP_DECELERATION, self._clock.now_s())
-        elif self._state is not DriveState.QUICK_STOP_ACTIVE:
-            self._state = DriveState.SWITCH_ON_DISABLED
 
     # Modes
 

@@ -1,4 +1,4 @@
-"""Watches the bus for another master of the same drives, and for drives that are no longer operational.
+"""Watches the bus for another master of the same drives.
 
 Two programs that beat as the same computer defeat the dead-man: the drives go on when one of them is killed. What
 labrig sends itself does not come back to it, so that every such frame that arrives is another program's.
@@ -9,7 +9,6 @@ What is decided here
   heartbeat under the computer's node id. SDO requests that only read are let pass during a run.
 - An axis whose mode of operation another program has changed counts as without a reference: it may have been homed.
 - While the rig is opened, reading is refused too: whoever reads is about to command, and its answers mix with ours.
-- A drive says in its heartbeat in which NMT state it is; the boot-up message is left to the driver.
 """
 
 import struct
@@ -19,7 +18,7 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.drives.objects import MODE, Place
-from labrig.errors import NOT_OPERATIONAL, DriveStrayedError, SecondMasterError
+from labrig.errors import SecondMasterError
 
 _NMT, _NMT_ALL = 0x000, 0
 _RECEIVE_PDOS = (0x200, 0x300, 0x400, 0x500)
@@ -35,8 +34,6 @@ _WRITES_MODE = struct.pack("<BHB", 0x2F, MODE.index, MODE.subindex)
 _BEATS_LISTENED_FOR = 3
 """Periods of the heartbeat for which the bus is listened to: no drive allows a longer gap."""
 
-_OPERATIONAL, _BOOT_UP = 0x05, 0x00
-_NMT_STATES = {0x04: "stopped", 0x7F: "pre-operational"}
 _END_IT = (
     "find the other program that uses this bus, and end it: two masters defeat the dead-man of the drives"
 )
@@ -46,7 +43,7 @@ _Frame = tuple[int, bytes]
 
 
 class BusWatch:
-    """Notes the first frame of another master, and each drive that has left operational.
+    """Notes the first frame of another master.
 
     Parameters
     ----------
@@ -61,8 +58,6 @@ class BusWatch:
     ----------
     link : CanLink
         The bus.
-    states : dict of int to int
-        NMT state of each drive that has told its own, by node id.
     without_zero : set of str
         Axes whose mode another program has changed: it may have homed them, and nobody knows their zero.
     """
@@ -73,21 +68,18 @@ class BusWatch:
         self._period_s = heartbeat.period_ms / 1000
         self._command: _Frame | None = None
         self._request: _Frame | None = None
-        self.states: dict[int, int] = {}
         self.without_zero: set[str] = set()
         network = link.network
         network.subscribe(_NMT, self._on_nmt)
         network.subscribe(0x700 + heartbeat.computer_node_id, self._on_command)
         for node in axes:
             network.subscribe(0x600 + node, self._on_request)
-            network.subscribe(0x700 + node, self._on_heartbeat)
             for base in _RECEIVE_PDOS:
                 network.subscribe(base + node, self._on_command)
 
     def listen(self, clock: Clock) -> None:
         """Listen, before anything is sent, for another program on the bus. Raises `SecondMasterError`."""
         self._command = self._request = None
-        self.states.clear()
         clock.sleep(_BEATS_LISTENED_FOR * self._period_s)
         self.require_free()
 
@@ -104,17 +96,6 @@ class BusWatch:
     def require_no_command(self) -> None:
         """Raise `SecondMasterError` if another program has commanded the drives or beaten as labrig does."""
         self._raise_if(self._command)
-
-    def require_operational(self) -> None:
-        """Raise `DriveStrayedError` if a drive has said that it is not operational."""
-        for node, state in tuple(self.states.items()):
-            if state not in {_OPERATIONAL, _BOOT_UP}:
-                name = _NMT_STATES.get(state, f"0x{state:02X}")
-                raise DriveStrayedError(
-                    f"the drive of axis {self._axes[node]} (node {node}) is in NMT state {name}, expected operational",
-                    "find out which program on the bus sends NMT commands",
-                    fault=NOT_OPERATIONAL,
-                )
 
     def _raise_if(self, frame: _Frame | None) -> None:
         if frame is not None:
@@ -147,7 +128,3 @@ class BusWatch:
 
     def _on_command(self, can_id: int, data: bytearray, _timestamp: float) -> None:
         self._command = self._command or (can_id, bytes(data))
-
-    def _on_heartbeat(self, can_id: int, data: bytearray, _timestamp: float) -> None:
-        if data:
-            self.states[can_id - 0x700] = data[0] & 0x7F

@@ -24,7 +24,7 @@ from labrig.devices.needle_location import NeedleLocation, are_drives_lost, loca
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.opening import WHOLE, Opening, prepare_drives
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest, Paused
-from labrig.devices.rig_calls import Photograph
+from labrig.devices.rig_calls import Photograph, RigCalls
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.supervisor import Interrupted, Supervisor
 from labrig.errors import (
@@ -49,7 +49,7 @@ _PROMPT_S = 0.25
 """What is done aside and takes longer is interrupted by signals too, and by requests to stop [s]."""
 
 
-class Rig:
+class Rig(RigCalls):
     """An opened rig; made by `open_rig`.
 
     Parameters
@@ -103,7 +103,12 @@ class Rig:
         self._identities: dict[str, Identity] = {}
         self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
         self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
-        self._axes = self._open_axes(replace(link, attend=self._attend))
+        link = replace(link, attend=self._attend)
+        self._axes = {
+            name: Axis(name, axis, Cia402Drive(link, axis, name, self._heartbeat), self._heartbeat)
+            for name, axis in description.axes.items()
+            if name in opening.axes
+        }
         self.axes = tuple(self._axes.values())
         self._camera: Camera | None = None
         if source is not None:
@@ -114,13 +119,6 @@ class Rig:
         self._unknown_motion = ""
         self._stopped_for: Ended | None = None
         self._is_ending = self._is_stopping = False
-
-    def _open_axes(self, link: CanLink) -> dict[str, Axis]:
-        return {
-            name: Axis(name, axis, Cia402Drive(link, axis, name, self._heartbeat), self._heartbeat)
-            for name, axis in self.description.axes.items()
-            if name in self._opening.axes
-        }
 
     # State
 
@@ -208,10 +206,6 @@ class Rig:
         fraction, bound_s = frame.place_between(before_s, after_s)
         positions = before.interpolate_to(after, 0.5 if fraction is None else fraction)
         return Photograph(frame.image, frame.t_s, positions, bound_s, fraction)
-
-    def check_move(self, axis_name: str, position: float, speed: float) -> None:
-        """Refuse a move that an axis may not make. Raises `LimitError`."""
-        self.description.check_move(axis_name, position, speed)
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move of an axis [mm or rad, per s] and return at once.

@@ -101,7 +101,6 @@ class Supervisor:
         """Begin anew before power is switched on. Raises what must keep it off, as `step`."""
         # A program that only asks keeps power off too: it is about to command.
         self._watch.require_free()
-        self._watch.states.clear()  # those that drives had before they were started
         self._require_inputs({name: axis.drive.reports.read_inputs() for name, axis in self._axes.items()})
         self._stalls = {}
         for name, axis in self._axes.items():
@@ -122,9 +121,7 @@ class Supervisor:
         if self.has_power:
             self._watch.require_no_command()
         for axis in self._axes.values():
-            axis.drive.check()
-        if self.has_power:
-            self._watch.require_operational()
+            axis.drive.check(operational=self.has_power)
         self._heartbeat.beat()
         if self.has_power:
             self._look()

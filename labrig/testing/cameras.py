@@ -10,8 +10,7 @@ from labrig.clock import Clock
 from labrig.devices.camera import Camera, CameraDescription, PictureSource
 from labrig.errors import CameraError
 
-_PAUSE_S = 0.5
-_PICTURES = 5
+_PAUSES_S = (0.01, 0.5, 0.01, 0.01, 0.01)
 
 
 @dataclass(frozen=True)
@@ -66,24 +65,16 @@ class CameraConformance:
             assert first.shape[2:] in {(), (3,)}
 
     def test_a_picture_is_not_older_than_its_command(self) -> None:
-        """After a pause, its time lies between the call and its return; a reported time has a bound."""
+        """Its time lies between the call and its return, and is later than that of the one before; it has a bound."""
+        before_s = -1.0
         with self._open() as (camera, opened):
-            camera.capture()
-            opened.clock.sleep(_PAUSE_S)
-            asked_s = opened.clock.now_s()
-            frame = camera.capture()
-            assert asked_s - 1e-6 <= frame.t_s <= opened.clock.now_s() + 1e-6
+            for pause_s in _PAUSES_S:
+                opened.clock.sleep(pause_s)
+                asked_s = opened.clock.now_s()
+                t_s = camera.capture().t_s
+                assert max(before_s, asked_s - 1e-6) < t_s <= opened.clock.now_s() + 1e-6
+                before_s = t_s
             exposure = opened.source.read()
             assert exposure is not None
             assert (exposure.t_s is None) == (exposure.t_bound_s is None)
             assert exposure.t_bound_s is None or exposure.t_bound_s >= 0
-
-    def test_times_increase_from_picture_to_picture(self) -> None:
-        """If rig time passes, each picture is later than the one before it."""
-        with self._open() as (camera, opened):
-            frames = []
-            for _ in range(_PICTURES):
-                frames.append(camera.capture())
-                opened.clock.sleep(0.01)
-            times_s = [frame.t_s for frame in frames]
-            assert times_s == sorted(set(times_s))

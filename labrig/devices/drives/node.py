@@ -14,7 +14,6 @@ import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -32,17 +31,20 @@ from labrig.devices.drives.sdo import CHECK_POWER, NO_OBJECT, SdoClient
 from labrig.devices.units import AxisScale
 from labrig.errors import (
     HEARTBEAT_LOST,
+    NOT_OPERATIONAL,
     DriveError,
     DriveFaultError,
     DriveRefusedError,
     DriveRestartedError,
     DriveSilentError,
+    DriveStrayedError,
     Fault,
     InputError,
 )
 
 NMT_START, NMT_STOP, NMT_PRE_OPERATIONAL, NMT_RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
 NMT_STOPPED, NMT_OPERATIONAL = 0x04, 0x05
+_NMT_STATES = {NMT_STOPPED: "stopped", 0x7F: "pre-operational"}
 
 _CLASHING_ANSWERS = 3
 """Unexpected answers while a drive is identified that show two nodes; a single one may be a repeated frame."""
@@ -158,12 +160,7 @@ class DriveNode:
         """
         identity = self.read_identity()
         raise_together([*self.find_differences()])
-        if self.find(co.ABORT_CONNECTION) is not None:
-            return identity
-        return replace(
-            identity,
-            unguarded=f"it has no object {co.ABORT_CONNECTION}: it may move on when labrig falls silent",
-        )
+        return identity
 
     def read_identity(self) -> Identity:
         """Return the identity of the drive, whatever its settings. Raises as `identify`."""
@@ -197,7 +194,10 @@ class DriveNode:
         doubt = ""
         if eds.revision is not None and revision not in {None, eds.revision}:
             doubt = f"its EDS file is for revision 0x{eds.revision:08X}: ranges and defaults may differ"
-        return Identity(name or "", self.find(co.SERIAL_NUMBER), found, doubt)
+        unguarded = ""
+        if self.find(co.ABORT_CONNECTION) is None:
+            unguarded = f"it has no object {co.ABORT_CONNECTION}: it may move on when labrig falls silent"
+        return Identity(name or "", self.find(co.SERIAL_NUMBER), found, doubt, unguarded)
 
     def find_differences(self) -> Iterator[DriveError]:
         """Yield what differs from the section and is never written: encoder, units, and the parameters as a whole."""
@@ -224,7 +224,8 @@ class DriveNode:
         return tuple(self.upload(place) for place in self.model.fingerprint)
 
     def send_nmt(self, command: int) -> None:
-        """Send an NMT command to this node; NMT is not answered."""
+        """Send an NMT command to this node; NMT is not answered: its next heartbeat tells its state."""
+        self._nmt_state = None
         self._link.send(0x000, bytes([command, self.node_id]))
 
     def _do_awake(self, act: Callable[[], _T]) -> _T:
@@ -298,12 +299,17 @@ class DriveNode:
         """Return the setting with which the drive misses the computer's heartbeat."""
         return {co.CONSUMER_HEARTBEAT: heartbeat.computer_node_id << 16 | heartbeat.timeout_ms}
 
-    def check(self) -> None:
+    def check(self, *, operational: bool = False) -> None:
         """Raise a restart, emergency or silence that was noticed; send nothing to the drive.
+
+        Parameters
+        ----------
+        operational : bool
+            Whether its heartbeat has to say so too, since it was started.
 
         Raises
         ------
-        DriveRestartedError, DriveFaultError, DriveSilentError
+        DriveRestartedError, DriveFaultError, DriveSilentError, DriveStrayedError
         """
         if self.has_restarted:
             raise DriveRestartedError(
@@ -320,6 +326,13 @@ class DriveNode:
                 CHECK_POWER,
                 fault=HEARTBEAT_LOST,
                 axis=self.axis,
+            )
+        if operational and self._nmt_state not in {None, NMT_OPERATIONAL}:
+            state = _NMT_STATES.get(self._nmt_state, f"0x{self._nmt_state:02X}")
+            raise DriveStrayedError(
+                f"the {self.name} is in NMT state {state}, expected operational",
+                "find out which program on the bus sends NMT commands",
+                fault=NOT_OPERATIONAL,
             )
 
     def _find_error_code(self) -> int:

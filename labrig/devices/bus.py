@@ -38,6 +38,16 @@ OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, T
 _OPTIONS: dict[str, dict[str, Any]] = {"slcan": {"timeout": 0.05}}
 """Default options; without this one, python-can polls slcan a thousand times a second."""
 
+_HINTS = {
+    "socketcan": "plug in the adapter, then as root: ip link set {channel} up type can bitrate {bitrate}; ip link "
+    "shows which interfaces there are",
+    "slcan": "check can.channel in the rig file: the serial port of the adapter, such as /dev/ttyACM0; who may open "
+    "it is in its group, often dialout",
+}
+"""Interface -> what to do if it cannot be opened."""
+
+_OTHER_HINT = "check can.channel in the rig file, the adapter, and whether its driver is installed"
+
 _T = TypeVar("_T")
 _CHECK_BUS = "check adapter, cable, termination, power and bit rate"
 
@@ -194,20 +204,9 @@ def open_can(description: CanDescription, clock: Clock) -> CanLink:
             **(_OPTIONS.get(description.interface, {}) | description.options),
         )
     except OPENING_FAILURES as error:
-        raise BusError(f"CAN interface {where} cannot be opened: {error}", _make_hint(description)) from error
+        hint = _HINTS.get(description.interface, _OTHER_HINT)
+        raise BusError(
+            f"CAN interface {where} cannot be opened: {error}",
+            hint.format(channel=description.channel or "can0", bitrate=description.bitrate),
+        ) from error
     return CanLink(network, clock, description.answer_timeout_ms / 1000)
-
-
-def _make_hint(description: CanDescription) -> str:
-    if description.interface == "socketcan":
-        channel = description.channel or "can0"
-        return (
-            f"plug in the adapter, then as root: ip link set {channel} up type can bitrate "
-            f"{description.bitrate}; ip link shows which interfaces there are"
-        )
-    if description.interface == "slcan":
-        return (
-            "check can.channel in the rig file: the serial port of the adapter, such as /dev/ttyACM0; who may open "
-            "it is in its group, often dialout"
-        )
-    return "check can.channel in the rig file, the adapter, and whether its driver is installed"

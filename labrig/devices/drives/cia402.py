@@ -301,8 +301,7 @@ class Cia402Drive(DriveNode):
         DriveError
             When the drive cannot move: a fault, a restart, silence, or power off.
         """
-        values = self.reports.read(since_s)
-        statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
+        statusword, counter, current_ma, inputs = self.reports.read(since_s)
         self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
         self.check()
         if not self._was_enabled:
@@ -310,13 +309,7 @@ class Cia402Drive(DriveNode):
         arrived = self._target is None or (
             bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
         )
-        return DriveReading(
-            self._position(counter),
-            statusword,
-            arrived,
-            self.reports.convert_current(values),
-            self.reports.convert_inputs(values),
-        )
+        return DriveReading(self._position(counter), statusword, arrived, current_ma, inputs)
 
     # Moving
 

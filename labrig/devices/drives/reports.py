@@ -10,7 +10,7 @@ What is decided here
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from queue import SimpleQueue
 from struct import Struct
@@ -93,18 +93,21 @@ class DriveReports:
     def _on_report(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
         self._arrived.put((self._link.clock.now_s(), bytes(data)))
 
-    def read(self, since_s: float | None) -> dict[Place, int]:
-        """Return statusword, position [counts] and inputs; by SDO what is not reported or does not arrive.
+    def read(self, since_s: float | None) -> tuple[int, int, float | None, dict[str, InputValue]]:
+        """Return statusword, position [counts], motor current [mA] and inputs; by SDO what is not reported in time.
 
-        The motor current is there too if the report of a SYNC is awaited, which was sent then or later: who looks in
+        The motor current is None unless the report of a SYNC is awaited, which was sent then or later: who looks in
         between asks for it if the axis lags.
         """
         values = {} if since_s is None or not self.layout else self._take(since_s)
-        current = () if self._current is None or since_s is None else (self._current[0],)
-        for place in (*_REPORTED, *current, *(place for place, _ in self._inputs.values())):
+        current = None if since_s is None else self._current
+        own = () if current is None else current[:1]
+        for place in (*_REPORTED, *own, *(place for place, _ in self._inputs.values())):
             if place not in values:
                 values[place] = self._node.upload(place)
-        return values
+        current_ma = None if current is None else values[current[0]] * current[1]
+        inputs = {name: convert(values[place]) for name, (place, convert) in self._inputs.items()}
+        return values[co.STATUSWORD], values[co.POSITION_ACTUAL], current_ma, inputs
 
     def _take(self, since_s: float) -> dict[Place, int]:
         """Return what was sent at the SYNC; nothing if that does not arrive in good time."""
@@ -153,12 +156,6 @@ class DriveReports:
         rated_ma = self._node.find(co.RATED_CURRENT)
         return (found, rated_ma / 1000) if found is not None and rated_ma else None
 
-    def convert_current(self, values: Mapping[Place, int]) -> float | None:
-        """Return the motor current among reported values [mA]."""
-        if self._current is None or self._current[0] not in values:
-            return None
-        return values[self._current[0]] * self._current[1]
-
     @cached_property
     def _inputs(self) -> dict[str, _Input]:
         """The inputs that its section names. Raises `DriveError` if the drive lacks or hides one."""
@@ -185,9 +182,4 @@ class DriveReports:
 
     def read_inputs(self) -> dict[str, InputValue]:
         """Return what the inputs read that its section names."""
-        places = {place for place, _ in self._inputs.values()}
-        return self.convert_inputs({place: self._node.upload(place) for place in places})
-
-    def convert_inputs(self, values: Mapping[Place, int]) -> dict[str, InputValue]:
-        """Return the inputs among read values, by their names."""
-        return {name: convert(values[place]) for name, (place, convert) in self._inputs.items()}
+        return {name: convert(self._node.upload(place)) for name, (place, convert) in self._inputs.items()}

@@ -84,14 +84,11 @@ class SimulatedHardware:
             drive.unplug()
         self.disk_worker.close()
 
-    def _true_positions(self) -> dict[str, float]:
-        return {
-            name: self._scales[name].to_position(drive.shaft_counts) for name, drive in self.drives.items()
-        }
-
     def _move_world(self) -> None:
         """Move the world to where the shafts are; in a new rig all of them are at zero."""
-        where = self._true_positions()
+        where = {
+            name: self._scales[name].to_position(drive.shaft_counts) for name, drive in self.drives.items()
+        }
         if where != self._positions:
             self._positions = where
             self.world.advance(where["insertion"], where["rotation"], where["linear"])

@@ -14,9 +14,6 @@ FloatArray = NDArray[np.float64]
 
 # A sine of a roll below counts as that of half turns.
 _HALF_TURNS = 1e-12
-# For fewer paths the way by the plane takes longer than that in space.
-_MANY = 16
-_UNIT = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -83,12 +80,12 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
         Radius of every arc.
     """
     arcs = psi.shape[-2]
-    if are_planar(psi):
+    if _are_half_turns(psi[..., 1]):
         return _planar_frames(psi, radius_mm)
     steps, turns = arc_pose(psi[..., 0], psi[..., 1], radius_mm)
     positions = np.zeros((*psi.shape[:-2], arcs + 1, 3))
     rotations = np.zeros((*psi.shape[:-2], arcs + 1, 3, 3))
-    rotations[..., 0, :, :] = _UNIT
+    rotations[..., 0, :, :] = np.eye(3)
     for i in range(arcs):
         base = rotations[..., i, :, :]
         positions[..., i + 1, :] = positions[..., i, :] + _apply(base, steps[..., i, :])
@@ -96,66 +93,58 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
     return ArcFrames(positions, rotations)
 
 
-def are_planar(psi: FloatArray) -> bool:
-    """Return whether these are many paths (M, n, 2) whose rolls are whole half turns, so that they stay in a plane."""
-    return len(psi) > _MANY and bool(np.all(np.abs(np.sin(psi[..., 1])) < _HALF_TURNS))
+def _are_half_turns(rolls_rad: FloatArray) -> bool:
+    return bool((np.abs(np.sin(rolls_rad)) < _HALF_TURNS).all())
 
 
 def _planar_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
-    """Return the frames along paths of half turns: by headings in the y-z plane, for all arcs at once.
+    """Return the frames along paths of half turns, which stay in the y-z plane: by headings, for all arcs at once.
 
     A frame is exp(phi e_1^) diag(s, s, 1) with s = +-1, and an arc bends the heading phi by s theta.
     """
-    sides = np.cumprod(np.rint(np.cos(psi[..., 1])), axis=-1)
-    headings = np.zeros((*psi.shape[:-2], psi.shape[-2] + 1))
-    np.cumsum(sides * psi[..., 0], axis=-1, out=headings[..., 1:])
-    cosine, sine = np.cos(headings), np.sin(headings)
-    positions = np.zeros((*headings.shape, 3))
-    arms = radius_mm * sides
-    np.cumsum(arms * np.diff(cosine, axis=-1), axis=-1, out=positions[..., 1:, 1])
-    np.cumsum(arms * np.diff(sine, axis=-1), axis=-1, out=positions[..., 1:, 2])
-    side = np.concatenate((np.ones((*sides.shape[:-1], 1)), sides), axis=-1)
-    rotations = np.zeros((*headings.shape, 3, 3))
-    rotations[..., 0, 0] = side
-    rotations[..., 1, 1], rotations[..., 1, 2] = side * cosine, -sine
-    rotations[..., 2, 1], rotations[..., 2, 2] = side * sine, cosine
+    *paths, arcs, _ = psi.shape
+    sides = np.ones((*paths, arcs + 1))
+    np.cumprod(np.rint(np.cos(psi[..., 1])), axis=-1, out=sides[..., 1:])
+    headings = np.zeros((*paths, arcs + 1))
+    np.cumsum(sides[..., 1:] * psi[..., 0], axis=-1, out=headings[..., 1:])
+    cosine, sine, arms = np.cos(headings), np.sin(headings), radius_mm * sides[..., 1:]
+    positions = np.zeros((*paths, arcs + 1, 3))
+    np.cumsum(arms * (cosine[..., 1:] - cosine[..., :-1]), axis=-1, out=positions[..., 1:, 1])
+    np.cumsum(arms * (sine[..., 1:] - sine[..., :-1]), axis=-1, out=positions[..., 1:, 2])
+    rotations = np.zeros((*paths, arcs + 1, 3, 3))
+    rotations[..., 0, 0] = sides
+    rotations[..., 1, 1], rotations[..., 1, 2] = sides * cosine, -sine
+    rotations[..., 2, 1], rotations[..., 2, 2] = sides * sine, cosine
     return ArcFrames(positions, rotations)
 
 
-def arc_jacobian(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> FloatArray:
-    """Return J_vi, (..., 3, 2), the derivative of the arc's tip in {ib} by theta and delta, equation (9)."""
-    theta, delta = np.asarray(angle_rad, float), np.asarray(roll_rad, float)
-    versine = 2.0 * np.sin(theta / 2.0) ** 2
-    sine, cosine, along = np.sin(delta), np.cos(delta), np.sin(theta)
-    across = sine * along
-    jacobian = np.zeros((*across.shape, 3, 2))
-    jacobian[..., 0, 0], jacobian[..., 0, 1] = across, cosine * versine
-    jacobian[..., 1, 0], jacobian[..., 1, 1] = -cosine * along, sine * versine
-    jacobian[..., 2, 0] = np.cos(theta)
-    return radius_mm * jacobian
+def path_jacobian(radius_mm: float, frames: ArcFrames) -> FloatArray:
+    """Return J_v, (..., 3, 2n), the derivative of the tip of paths in {1b} by psi_1, ... psi_n, equation (10)."""
+    tips = frames.positions_mm[..., -1:, :]
+    last = np.full(tips.shape[:-1], frames.positions_mm.shape[-2] - 2)
+    return place_jacobians(radius_mm, frames, tips, last, 1.0)[..., 0, :, :]
 
 
-def path_jacobian(psi: FloatArray, radius_mm: float, frames: ArcFrames | None = None) -> FloatArray:
-    """Return J_v, (..., 3, 2n), the derivative of the path's tip in {1b} by psi_1, ... psi_n, equation (10).
+def place_jacobians(
+    radius_mm: float, frames: ArcFrames, places: FloatArray, arcs: NDArray[np.intp], shares: ArrayLike
+) -> FloatArray:
+    """Return the derivatives by psi of places (..., q, 3) on arcs (..., q) of paths, (..., q, 3, 2n), equation (15).
 
-    `frames` are those of the paths, if they are known already.
+    A change of theta_k turns what is beyond about the centre of the arc k, and one of delta_k about the needle's axis
+    at the arc's start: this is Lambda_k of (10) and (15), and the frames have these axes and centres. As printed, the
+    block of a place's own arc takes J_v at theta_i; here it is that of the place, and its theta column times the share
+    (q,) of the change by which the place's angle on the arc changes (errata, equation 15): j / m for a control point,
+    1 for the tip, 0 for a place that keeps its angle.
     """
-    frames = frames or path_frames(psi, radius_mm)
-    blocks = _arc_blocks(psi, radius_mm, frames, frames.positions_mm[..., None, -1, :])[..., 0, :, :, :]
-    return _side_by_side(blocks)
-
-
-def tip_and_place_jacobians(
-    psi: FloatArray, radius_mm: float, frames: ArcFrames, places: FloatArray, arcs: NDArray[np.intp]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives by psi of the path's tip (..., 3, 2n) and of places (..., q, 3) on arcs (..., q).
-
-    That of the tip is `path_jacobian`. That of the places is (..., q, 3, 2n): a place keeps its angle on its own arc,
-    so that the arc's theta does not move it (equation 15 without its f).
-    """
-    tips = frames.positions_mm[..., None, -1, :]
-    blocks = _arc_blocks(psi, radius_mm, frames, np.concatenate((tips, places), axis=-2))
-    return _side_by_side(blocks[..., 0, :, :, :]), _hold_on_arcs(blocks[..., 1:, :, :, :], arcs)
+    turned = frames.rotations[..., 1:, :, :]
+    centres = frames.positions_mm[..., 1:, :] - radius_mm * turned[..., 1]
+    pivots = np.stack((centres, frames.positions_mm[..., :-1, :]), axis=-2)
+    axes = np.stack((turned[..., 0], frames.rotations[..., :-1, :, 2]), axis=-2)
+    moved = (pivots[..., None, :] - places[..., None, None, :, :]) @ cross_matrix(axes)  # (..., n, 2, q, 3)
+    numbers, own = np.arange(moved.shape[-4])[:, None], arcs[..., None, :]
+    moved *= np.stack((np.where(own == numbers, shares, own > numbers), own >= numbers), axis=-2)[..., None]
+    by_psi = moved.reshape(*moved.shape[:-4], -1, *moved.shape[-2:])
+    return np.swapaxes(np.swapaxes(by_psi, -3, -2), -2, -1)
 
 
 def path_points(psi: FloatArray, radius_mm: float, fractions: FloatArray) -> FloatArray:
@@ -173,32 +162,14 @@ def control_points(psi: FloatArray, radius_mm: float, points: int) -> FloatArray
 
 
 def control_jacobians(psi: FloatArray, radius_mm: float, points: int) -> FloatArray:
-    """Return J_a_ij, (..., n, m, 3, 2n), the derivative of each control point by psi, equation (15).
-
-    As printed, the block of the point's own arc (k = i) takes J_v at theta_i; the point lies at f theta_i,
-    f = j / m, so the block is J_v(f theta_i) with its theta column times f (errata, equation 15).
-    """
-    arcs = psi.shape[-2]
-    fractions = _fractions(points)
-    frames = path_frames(psi, radius_mm)
+    """Return J_a_ij, (..., n, m, 3, 2n), the derivative of each control point by psi, equation (15)."""
+    arcs = np.repeat(np.arange(psi.shape[-2]), points)
+    shares = np.tile(_fractions(points), psi.shape[-2])
     places = control_points(psi, radius_mm, points)
-    jacobians = np.zeros((*psi.shape[:-2], arcs, points, 3, 2 * arcs))
-    for i in range(arcs):
-        blocks = _arc_blocks(psi, radius_mm, frames, places[..., i, :, :])
-        own = arc_jacobian(psi[..., i, 0, None] * fractions, psi[..., i, 1, None], radius_mm)
-        own[..., 0] *= fractions[:, None]
-        blocks[..., i, :, :] = frames.rotations[..., None, i, :, :] @ own
-        blocks[..., i + 1 :, :, :] = 0.0
-        jacobians[..., i, :, :, :] = _side_by_side(blocks)
-    return jacobians
-
-
-def _hold_on_arcs(blocks: FloatArray, arcs: NDArray[np.intp]) -> FloatArray:
-    """Return the derivatives of places on arcs, from the blocks (..., q, n, 3, 2) of places beyond every arc."""
-    numbers = np.arange(blocks.shape[-3])
-    blocks[arcs[..., None] < numbers] = 0.0
-    blocks[..., 0] *= (arcs[..., None] > numbers)[..., None]
-    return _side_by_side(blocks)
+    flat = places.reshape(*psi.shape[:-2], len(arcs), 3)
+    on = np.broadcast_to(arcs, flat.shape[:-1])
+    found = place_jacobians(radius_mm, path_frames(psi, radius_mm), flat, on, shares)
+    return found.reshape(*places.shape, found.shape[-1])
 
 
 def _fractions(points: int) -> FloatArray:
@@ -217,30 +188,3 @@ def _arc_points(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> 
 
 def _apply(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray((rotations @ vectors[..., None])[..., 0])
-
-
-def _arc_blocks(psi: FloatArray, radius_mm: float, frames: ArcFrames, places: FloatArray) -> FloatArray:
-    """Return Lambda_k of equations (10) and (15), (..., q, n, 3, 2), for places (..., q, 3) beyond every arc k.
-
-    -(R v)^ J_omega is J_omega x (R v), and a rotation can be moved out of a cross product: so the block is
-    R_kb J_vk + (R_kb J_omega_k) x (p - p_ke), with all vectors in {1b}.
-    """
-    bases = frames.rotations[..., :-1, :, :]
-    translation = bases @ arc_jacobian(psi[..., 0], psi[..., 1], radius_mm)
-    rotation = bases @ _angular_jacobian(psi[..., 1])
-    lever = places[..., :, None, :] - frames.positions_mm[..., None, 1:, :]
-    return np.asarray(translation[..., None, :, :, :] - cross_matrix(lever) @ rotation[..., None, :, :, :])
-
-
-def _angular_jacobian(roll_rad: FloatArray) -> FloatArray:
-    """Return J_omega_i, (..., 3, 2), of equation (10)."""
-    jacobian = np.zeros((*roll_rad.shape, 3, 2))
-    jacobian[..., 0, 0], jacobian[..., 1, 0] = np.cos(roll_rad), np.sin(roll_rad)
-    jacobian[..., 2, 1] = 1.0
-    return jacobian
-
-
-def _side_by_side(blocks: FloatArray) -> FloatArray:
-    """Turn (..., n, 3, 2) blocks into (..., 3, 2n)."""
-    turned = np.moveaxis(blocks, -3, -2)
-    return turned.reshape(*turned.shape[:-2], 2 * blocks.shape[-3])

@@ -5,49 +5,58 @@ near it comes. So the few manoeuvres that are left are tried: go on, turn, go on
 Each ends where it passes the target at its nearest, which is known in closed form.
 """
 
+from functools import cache
+
 import numpy as np
 
 from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.clearance import path_distances
 from labrig.steering.problem import Surroundings
 from labrig.steering.score import ROUNDING, find_cheapest
+from labrig.steering.tip import freeze
 
 _LENGTHS = 32
 _ROLLS = 16
 _FARTHEST = 1.1
 
 
-def find_nearest_approach(around: Surroundings) -> FloatArray | None:
+def find_nearest_approach(around: Surroundings, error_per_mm: float) -> FloatArray | None:
     """Return the path (n, 2) of one to three arcs with the least cost of miss and turns, or None.
 
-    A path that comes nearer to an obstacle than the requested clearance does not count.
+    A path that comes nearer to an obstacle than the requested clearance does not count. A millimetre of miss costs
+    `error_per_mm`, a turn what `PlanWeights` says.
     """
+    radius_mm = around.problem.radius_mm
     psi = _add_last_arc(_list_beginnings(around), around)
-    if len(around.centres_mm):
-        apart = path_distances(psi, around.problem.radius_mm, around.centres_mm)
-        psi = psi[np.all(apart >= around.keep_off_mm - ROUNDING, axis=-1)]
-    if not len(psi):
-        return None
-    ends = path_frames(psi, around.problem.radius_mm).positions_mm[:, -1]
-    weights = around.problem.weights
-    cost = weights.target_error_per_mm * np.linalg.norm(ends - around.target_mm, axis=-1)
+    frames = path_frames(psi, radius_mm)
+    cost = error_per_mm * np.linalg.norm(frames.positions_mm[:, -1] - around.target_mm, axis=-1)
     turned = (np.cos(psi[..., 1]) < 1.0 - 1e-12) & (psi[..., 0] > ROUNDING)
-    return _drop_empty_arcs(psi[find_cheapest(cost + weights.turn * turned.sum(axis=-1))])
+    cost += around.problem.weights.turn * turned.sum(axis=-1)
+    apart = path_distances(psi, radius_mm, around.centres_mm, frames)
+    cost[np.any(apart < around.keep_off_mm - ROUNDING, axis=-1)] = np.inf
+    best = find_cheapest(cost)
+    return None if np.isinf(cost[best]) else _drop_empty_arcs(psi[best])
 
 
 def _list_beginnings(around: Surroundings) -> FloatArray:
     """Return paths (M, 3, 2) whose last arc is still empty: roll and angle of two arcs, and the last roll."""
-    farthest = _FARTHEST * float(np.linalg.norm(around.target_mm)) / around.problem.radius_mm
-    angles = np.linspace(0.0, farthest, _LENGTHS)
-    turns = np.array([np.pi]) if around.problem.planar else 2 * np.pi * np.arange(1, _ROLLS) / _ROLLS
-    either = np.concatenate(([0.0], turns))
-    go_on = [(0.0, 0.0, 0.0, 0.0, roll) for roll in either]
-    once = [(angle, 0.0, 0.0, 0.0, roll) for angle in angles[1:] for roll in turns]
-    back = [(0.0, 0.0, angle, roll, last) for angle in angles[1:] for roll in turns for last in turns]
+    psi = _list_manoeuvres(around.problem.planar).copy()
+    psi[..., 0] *= _FARTHEST * float(np.linalg.norm(around.target_mm)) / around.problem.radius_mm
+    return psi
+
+
+@cache
+def _list_manoeuvres(planar: bool) -> FloatArray:
+    """Return the beginnings of paths for a farthest angle of one."""
+    angles = np.linspace(0.0, 1.0, _LENGTHS)[1:]
+    turns = np.array([np.pi]) if planar else 2 * np.pi * np.arange(1, _ROLLS) / _ROLLS
+    go_on = [(0.0, 0.0, 0.0, 0.0, roll) for roll in (0.0, *turns)]
+    once = [(angle, 0.0, 0.0, 0.0, roll) for angle in angles for roll in turns]
+    back = [(0.0, 0.0, angle, roll, last) for angle in angles for roll in turns for last in turns]
     rows = np.array(go_on + once + back)
     psi = np.zeros((len(rows), 3, 2))
     psi[:, 0], psi[:, 1], psi[:, 2, 1] = rows[:, :2], rows[:, 2:4], rows[:, 4]
-    return psi
+    return freeze(psi)
 
 
 def _add_last_arc(psi: FloatArray, around: Surroundings) -> FloatArray:

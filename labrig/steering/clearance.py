@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle.kinematics import ArcFrames, FloatArray, are_planar, path_frames, rotation_z
+from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames
 
 _ROUNDING_MM = 1e-9
 
@@ -24,6 +24,10 @@ class NearestPlaces:
     distances_mm: FloatArray
     places_mm: FloatArray
     arcs: NDArray[np.intp]
+
+    def take(self, which: NDArray[np.intp]) -> "NearestPlaces":
+        """Return those of a selection of paths."""
+        return NearestPlaces(self.distances_mm[which], self.places_mm[which], self.arcs[which])
 
 
 def arc_distances(
@@ -45,30 +49,24 @@ def arc_distances(
     -------
     (..., n, K) array
     """
-    frames = frames or path_frames(psi, radius_mm)
-    return _measure_arcs(psi, radius_mm, centres_mm, frames, _find_bending(psi, frames))
-
-
-def _find_bending(psi: FloatArray, frames: ArcFrames) -> FloatArray:
-    """Return the rotation at the start of each arc with its roll, (..., n, 3, 3): each bends in its y-z plane."""
-    before = frames.rotations[..., :-1, :, :]
-    if are_planar(psi):
-        side = np.rint(np.cos(psi[..., 1]))
-        return np.asarray(before * np.stack((side, side, np.ones_like(side)), axis=-1)[..., None, :])
-    return np.asarray(before @ rotation_z(psi[..., 1]))
+    return _measure_arcs(psi, radius_mm, centres_mm, frames or path_frames(psi, radius_mm))[0]
 
 
 def _measure_arcs(
-    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: ArcFrames, bending: FloatArray
-) -> FloatArray:
-    offsets = centres_mm - frames.positions_mm[..., None, :]  # (..., n + 1, K, 3)
-    local = offsets[..., :-1, :, :] @ bending
-    out, across, along = local[..., 0], local[..., 1] + radius_mm, local[..., 2]
-    turned = np.mod(np.arctan2(along, across), 2 * np.pi)
-    beside = np.hypot(out, np.hypot(along, across) - radius_mm)
-    from_frames = np.linalg.norm(offsets, axis=-1)
-    from_ends = np.minimum(from_frames[..., :-1, :], from_frames[..., 1:, :])
-    return np.asarray(np.where(turned <= psi[..., 0, None], beside, from_ends))
+    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: ArcFrames
+) -> tuple[FloatArray, FloatArray]:
+    """Return the distance from each arc to each point (..., n, K), and the nearest place's angle before its end."""
+    angles, offsets = psi[..., 0, None], centres_mm - frames.positions_mm[..., None, :]  # (..., n + 1, K, 3)
+    # An arc bends in the y-z plane of the frame at its end, about the point (0, -r).
+    local = offsets[..., 1:, :, :] @ frames.rotations[..., 1:, :, :]
+    across, along = local[..., 1] + radius_mm, local[..., 2]
+    before_end = np.mod(np.arctan2(-along, across), 2 * np.pi)
+    beside = np.hypot(local[..., 0], np.hypot(along, across) - radius_mm)
+    from_frames = np.sqrt((offsets**2).sum(axis=-1))
+    from_start, from_end = from_frames[..., :-1, :], from_frames[..., 1:, :]
+    is_beside, is_at_end = before_end <= angles, from_end < from_start
+    apart = np.where(is_beside, beside, np.where(is_at_end, from_end, from_start))
+    return apart, np.where(is_beside, before_end, np.where(is_at_end, 0.0, angles))
 
 
 def path_distances(
@@ -82,19 +80,12 @@ def find_nearest_places(
     psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: ArcFrames
 ) -> NearestPlaces:
     """Return the nearest place of each path (M, n, 2) to each point (K, 3); arguments as `arc_distances`."""
-    of_arcs = _find_bending(psi, frames)
-    apart = _measure_arcs(psi, radius_mm, centres_mm, frames, of_arcs)
+    apart, before_end = _measure_arcs(psi, radius_mm, centres_mm, frames)
+    least = apart.min(axis=-2)
     # Where two arcs meet, both are equally near: the first counts.
-    arcs = (apart <= apart.min(axis=-2, keepdims=True) + _ROUNDING_MM).argmax(axis=-2)
-    paths = np.arange(len(psi))[:, None]
-    bending = of_arcs[paths, arcs]
-    starts, ends = frames.positions_mm[paths, arcs], frames.positions_mm[paths, arcs + 1]
-    offsets = centres_mm - starts
-    local = (offsets[..., None, :] @ bending)[..., 0, :]
-    turned = np.mod(np.arctan2(local[..., 2], local[..., 1] + radius_mm), 2 * np.pi)
-    angle = psi[paths, arcs, 0]
-    nearer_end = np.linalg.norm(centres_mm - ends, axis=-1) < np.linalg.norm(offsets, axis=-1)
-    at = np.where(turned <= angle, turned, np.where(nearer_end, angle, 0.0))
-    on_arc = radius_mm * np.stack((np.zeros_like(at), np.cos(at) - 1.0, np.sin(at)), axis=-1)
-    places = starts + (bending @ on_arc[..., None])[..., 0]
-    return NearestPlaces(apart.min(axis=-2), places, arcs)
+    arcs = (apart <= least[:, None] + _ROUNDING_MM).argmax(axis=-2)
+    paths, points = np.ogrid[: arcs.shape[0], : arcs.shape[1]]
+    angle = before_end[paths, arcs, points]
+    on_arc = radius_mm * np.stack((np.zeros_like(angle), np.cos(angle) - 1.0, -np.sin(angle)), axis=-1)
+    turned = (frames.rotations[paths, arcs + 1] @ on_arc[..., None])[..., 0]
+    return NearestPlaces(least, frames.positions_mm[paths, arcs + 1] + turned, arcs)

@@ -7,7 +7,7 @@ is longer than allowed is shortened by the same step.
 
 import numpy as np
 
-from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames, tip_and_place_jacobians
+from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames, place_jacobians
 from labrig.steering.clearance import find_nearest_places
 from labrig.steering.problem import Surroundings
 
@@ -67,12 +67,15 @@ def _find_lacks(
     places, lacks = near.places_mm[paths, worst], lacks[paths, worst]
     away = places - around.centres_mm[worst]
     away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
-    of_tip, jacobians = tip_and_place_jacobians(
-        psi, around.problem.radius_mm, frames, places, near.arcs[paths, worst]
+    # The tip is a place on the last arc that moves with its angle.
+    places = np.concatenate((frames.positions_mm[:, -1:], places), axis=1)
+    arcs = np.concatenate((np.full_like(paths, psi.shape[1] - 1), near.arcs[paths, worst]), axis=1)
+    jacobians = place_jacobians(
+        around.problem.radius_mm, frames, places, arcs, np.arange(places.shape[1]) == 0
     )
-    slopes = (away[..., None, :] @ jacobians)[..., 0, :]
+    slopes = (away[..., None, :] @ jacobians[:, 1:])[..., 0, :]
     touching = lacks > 0.0
-    return np.where(touching, lacks, 0.0), of_tip, np.where(touching[..., None], slopes, 0.0)
+    return np.where(touching, lacks, 0.0), jacobians[:, 0], np.where(touching[..., None], slopes, 0.0)
 
 
 def _find_excess(psi: FloatArray, around: Surroundings) -> tuple[FloatArray, FloatArray]:

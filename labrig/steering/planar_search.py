@@ -6,7 +6,7 @@ of them, because no angle of the tree leads through. So the tree last grows amon
 mended until they keep off the true ones.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,7 @@ from labrig.steering.planar import (
     thin_tips,
 )
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import ScoredPath, pick_best_feasible
+from labrig.steering.score import pick_best_feasible
 
 _SCORED, _RANKED = 160, 1000
 _ENDS = 8
@@ -57,10 +57,13 @@ _CLOSER = (
 )
 
 
-def search_plane(around: Surroundings) -> Iterator[ScoredPath | None]:
-    """Yield the best path of a planar problem from each round, or None; later rounds take longer."""
+def search_plane(around: Surroundings, known: Sequence[FloatArray]) -> Iterator[FloatArray | None]:
+    """Yield the best path (n, 2) of a planar problem from each round, or None; later rounds take longer.
+
+    Paths (M, n, 2) that are known are compared with those of the first.
+    """
     field, target = Field.from_surroundings(around), target_in_plane(around)
-    yield _search_first(around, field, target, _FIRST)
+    yield _search_first(around, field, target, _FIRST, known)
     tolerance_mm = np.sqrt(max(around.problem.tolerance_mm**2 - around.target_mm[0] ** 2, 0.0))
     ring = _END_SHARE * tolerance_mm * np.exp(2j * np.pi * np.arange(_ENDS) / _ENDS)
     targets = np.concatenate(([target], target + ring))
@@ -71,32 +74,34 @@ def search_plane(around: Surroundings) -> Iterator[ScoredPath | None]:
             yield _search_mended(around, field.with_smaller_discs(smaller_mm), target)
 
 
-def _search_first(around: Surroundings, field: Field, target: complex, effort: Effort) -> ScoredPath | None:
-    """Return the best path of up to four arcs, or None."""
+def _search_first(
+    around: Surroundings, field: Field, target: complex, effort: Effort, known: Sequence[FloatArray]
+) -> FloatArray | None:
+    """Return the best path of up to four arcs or of those that are known, or None."""
     tips, found = start_tree(), [_make_single_arcs(around, target)]
     for level in range(min(around.problem.max_arcs - 1, len(effort.samples) + 1)):
         if level:
             tips = grow_tips(tips, field, effort.samples[level - 1])
         found.append(_close_clear(tips, field, target, _SCORED))
-    return _pick_best(found, around)
+    return pick_best_feasible((*found, *known), around)
 
 
 def _search_closer(
     around: Surroundings, field: Field, targets: NDArray[np.complex128], effort: Effort
-) -> ScoredPath | None:
+) -> FloatArray | None:
     """Return the best of the paths with the fewest arcs in a finer tree, or None."""
     tips = start_tree()
     for level in range(around.problem.max_arcs - 1):
         if level:
             tips = _grow_thinly(tips, field, effort, level)
         for target in targets:
-            path = pick_best_feasible(_close_clear(tips, field, target, _SCORED), around)
+            path = pick_best_feasible([_close_clear(tips, field, target, _SCORED)], around)
             if path is not None:
                 return path
     return None
 
 
-def _search_mended(around: Surroundings, field: Field, target: complex) -> ScoredPath | None:
+def _search_mended(around: Surroundings, field: Field, target: complex) -> FloatArray | None:
     """Return the best of the paths with the fewest arcs that were mended, or None; the field has smaller discs."""
     tips = start_tree()
     for level in range(around.problem.max_arcs - 1):
@@ -105,7 +110,7 @@ def _search_mended(around: Surroundings, field: Field, target: complex) -> Score
         found = _close_clear(tips, field, target, _RANKED)
         if len(found):
             kept = rank_by_lack(found, around, _MENDED)
-            path = pick_best_feasible(mend_paths(kept, around, _MENDING_STEPS), around)
+            path = pick_best_feasible([mend_paths(kept, around, _MENDING_STEPS)], around)
             if path is not None:
                 return path
     return None
@@ -136,10 +141,3 @@ def _make_single_arcs(around: Surroundings, target: complex) -> FloatArray:
     # The angle at the arc's centre, from the start to the target.
     ray = (target - 1j * signs * around.problem.radius_mm) * 1j * signs
     return make_psi(np.mod(np.angle(ray) * signs, 2 * np.pi)[:, None], signs)
-
-
-def _pick_best(families: list[FloatArray], around: Surroundings) -> ScoredPath | None:
-    """Return the best feasible path of all families, checked again in three dimensions, or None."""
-    arcs = max(family.shape[1] for family in families)
-    padded = [np.pad(family, ((0, 0), (0, arcs - family.shape[1]), (0, 0))) for family in families]
-    return pick_best_feasible(np.concatenate(padded), around)

@@ -1,6 +1,7 @@
 """The planner: a problem in, a path or the reason why there is none out."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Literal
@@ -12,10 +13,10 @@ from labrig.steering import planar_search, spatial_search
 from labrig.steering.clearance import path_distances
 from labrig.steering.mending import mend_paths
 from labrig.steering.parameters import PlanMethod
-from labrig.steering.problem import Obstacle, PlanProblem, Point, Surroundings
+from labrig.steering.problem import PlanProblem, Point, Surroundings
 from labrig.steering.refusal import explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
-from labrig.steering.score import ScoredPath, choose_cheaper, find_worst_miss_and_gap, pick_best_feasible
+from labrig.steering.score import find_worst_miss_and_gap
 
 Effort = Literal["quick", "closer", "thorough"]
 """How long a search without a path goes on: as long as a moving needle can wait, without mending, or to its end."""
@@ -103,13 +104,11 @@ def plan_path(
     reason = find_refusal(around)
     if reason is not None:
         return Plan(found=False, reason=reason)
-    best = None if present is None else _mend(present, around)
-    for found in _search_in_rounds(around, method, effort):
-        best = choose_cheaper(found, best)
-        if best is not None:
-            break
-    if best is not None and _is_worth_making(best.psi, around):
-        return make_plan(best.psi, around)
+    known = [] if present is None else [mend_paths(present[None], around, _MENDING_STEPS)]
+    found = (psi for psi in _search_in_rounds(around, known, method, effort) if psi is not None)
+    best = next(found, None)
+    if best is not None and _is_worth_making(best, around):
+        return make_plan(best, around)
     if np.linalg.norm(around.target_mm) <= problem.tolerance_mm:
         return make_plan(np.zeros((0, 2)), around)
     failed = "resolved motion rate found no path" if method == "paper" else explain_failure(around)
@@ -124,19 +123,14 @@ def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> F
     return np.asarray(np.vstack((np.zeros(3), points)) @ start[:3, :3].T + start[:3, 3])
 
 
-def _mend(path: FloatArray, around: Surroundings) -> ScoredPath | None:
-    """Return a path (n, 2) changed so that it reaches the target and keeps off the obstacles, or None."""
-    return pick_best_feasible(mend_paths(path[None], around, _MENDING_STEPS), around)
-
-
 def _search_in_rounds(
-    around: Surroundings, method: PlanMethod, effort: Effort
-) -> Iterator[ScoredPath | None]:
+    around: Surroundings, known: Sequence[FloatArray], method: PlanMethod, effort: Effort
+) -> Iterator[FloatArray | None]:
     """Yield the best path of each round, or None."""
     if method == "paper":
         return iter([search_by_resolved_rate(around)])
     search = planar_search.search_plane if around.problem.planar else spatial_search.search_space
-    return islice(search(around), _count_rounds(around, effort))
+    return islice(search(around, known), _count_rounds(around, effort))
 
 
 def _count_rounds(around: Surroundings, effort: Effort) -> int | None:
@@ -149,45 +143,38 @@ def _count_rounds(around: Surroundings, effort: Effort) -> int | None:
 def _is_worth_making(psi: FloatArray, around: Surroundings) -> bool:
     """Return whether a path at least halves the distance of a tip that is already within the tolerance."""
     distance = np.linalg.norm(around.target_mm)
+    if distance > around.problem.tolerance_mm:
+        return True
     tip = path_frames(psi, around.problem.radius_mm).positions_mm[-1]
-    return bool(
-        distance > around.problem.tolerance_mm or np.linalg.norm(tip - around.target_mm) < distance / 2
-    )
+    return bool(np.linalg.norm(tip - around.target_mm) < distance / 2)
 
 
 def make_plan(psi: FloatArray, around: Surroundings) -> Plan:
     """Return a path (n, 2) as a plan with its figures."""
     problem = around.problem
     start = np.asarray(problem.start, dtype=float)
-    arcs = tuple(
-        PlannedArc(_wrap(roll), float(angle), float(problem.radius_mm * angle)) for angle, roll in psi
-    )
-    tip = path_frames(psi, problem.radius_mm).positions_mm[-1]
+    arcs = tuple(PlannedArc(_wrap(roll), angle, problem.radius_mm * angle) for angle, roll in psi.tolist())
+    path = psi if len(psi) else np.zeros((1, 2))
+    frames = path_frames(path, problem.radius_mm)
+    tip = frames.positions_mm[-1]
     x, y, z = (start[:3, :3] @ tip + start[:3, 3]).tolist()
     worst = (None, None) if problem.radius_range_mm is None else find_worst_miss_and_gap(psi, around)
+    gaps_mm = (
+        path_distances(path, problem.radius_mm, around.centres_mm, frames) - around.needle_and_obstacle_mm
+    )
     return Plan(
         found=True,
         reason=None,
         arcs=arcs,
         tip_mm=(x, y, z),
         target_error_mm=float(np.linalg.norm(tip - around.target_mm)),
-        clearance_mm=_measure_clearance(psi, around, problem.obstacles),
+        clearance_mm=float(gaps_mm.min()) if problem.obstacles else None,
         length_mm=float(problem.radius_mm * psi[:, 0].sum()),
         worst_target_error_mm=worst[0],
         worst_clearance_mm=worst[1],
     )
 
 
-def _measure_clearance(
-    psi: FloatArray, around: Surroundings, obstacles: tuple[Obstacle, ...]
-) -> float | None:
-    if not obstacles:
-        return None
-    path = psi if len(psi) else np.zeros((1, 2))
-    apart = path_distances(path, around.problem.radius_mm, around.centres_mm)
-    return float((apart - around.needle_and_obstacle_mm).min())
-
-
 def _wrap(roll_rad: float) -> float:
     """Return the roll in (-pi, pi]."""
-    return float(np.pi - np.mod(np.pi - roll_rad, 2 * np.pi))
+    return math.pi - (math.pi - roll_rad) % (2 * math.pi)

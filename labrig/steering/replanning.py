@@ -7,6 +7,7 @@ needle halts, and the planner searches thoroughly.
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,12 +16,11 @@ from labrig.needle.kinematics import FloatArray, path_frames
 from labrig.steering.approach import find_nearest_approach
 from labrig.steering.cavities import CAVITY_MM
 from labrig.steering.clearance import path_distances
-from labrig.steering.motion import Turn, advance_pose
+from labrig.steering.motion import Turn
 from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.steering.state import HERE_MM, NO_TURN, Occasion, SteeringState, find_acting_mm
-from labrig.steering.tip import TipObservation
 
 # An estimated radius counts within this factor of the given radius.
 _RADIUS_FACTOR = 1.5
@@ -58,19 +58,17 @@ def predict_miss_and_gap(state: SteeringState, settings: SteeringSettings) -> tu
     start, psi = _predict_start(state, settings), _psi_ahead(state, settings)
     frames = path_frames(psi, radius_mm)
     obstacles_mm = [obstacle.position_mm for obstacle in problem.obstacles]
-    target_mm, *centres_mm = (np.array((problem.target_mm, *obstacles_mm)) - start[:3, 3]) @ start[:3, :3]
-    miss_mm = float(np.linalg.norm(frames.positions_mm[-1] - target_mm))
-    if not obstacles_mm:
-        return miss_mm, math.inf
-    apart_mm = path_distances(psi, radius_mm, np.array(centres_mm), frames)
-    return miss_mm, float((apart_mm - Surroundings(problem).needle_and_obstacle_mm).min())
+    places_mm = (np.array((problem.target_mm, *obstacles_mm)) - start[:3, 3]) @ start[:3, :3]
+    miss_mm = math.dist(frames.positions_mm[-1], places_mm[0])
+    apart_mm = path_distances(psi, radius_mm, places_mm[1:], frames)
+    return miss_mm, float((apart_mm - Surroundings(problem).needle_and_obstacle_mm).min(initial=math.inf))
 
 
 def _predict_start(state: SteeringState, settings: SteeringSettings) -> FloatArray:
     """Return the tip's pose (4, 4) where a turn of the bevel would act, with the turns that act there."""
     from_mm = find_acting_mm(state.insertion_mm, settings)
-    turned = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
-    return advance_pose(state.predict(from_mm, settings), (TipObservation(None, 0.0, turned),), 0.0)
+    turned_rad = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
+    return state.predict(from_mm, settings, turned_rad)
 
 
 def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> PlanProblem:
@@ -103,16 +101,16 @@ def plan_with_clearance(
 
     `present` is the path that the needle follows, as in `plan_path`.
     """
-    plan = _plan(problem, settings, effort, present)
     for relaxed in _relax(problem, settings):
+        plan = _plan(relaxed, settings, effort, present)
         if plan.found:
             break
-        plan = _plan(relaxed, settings, effort, present)
     return plan
 
 
 def _relax(problem: PlanProblem, settings: SteeringSettings) -> Iterator[PlanProblem]:
-    """Yield the problem with less and less clearance."""
+    """Yield the problem, and then with less and less clearance."""
+    yield problem
     without_margin = replace(problem, covariance=None, obstacle_sds_mm=())
     yield without_margin
     least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
@@ -122,11 +120,12 @@ def _relax(problem: PlanProblem, settings: SteeringSettings) -> Iterator[PlanPro
 def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
     """Return the rest of the path (n, 2) from where a turn would act."""
     from_mm = find_acting_mm(state.insertion_mm, settings)
+    per_mm = (1.0 - state.tip.slip) / _bounded_radius_mm(state, settings)
     acting_mm = [max(find_acting_mm(turn.at_mm, settings), from_mm) for turn in state.ahead]
-    lengths_mm = np.diff([from_mm, *acting_mm, max(state.end_mm, from_mm)])
-    rolls_rad = [0.0, *(turn.roll_rad for turn in state.ahead)]
-    arcs_mm = np.maximum(lengths_mm, 0.0) * (1.0 - state.tip.slip)
-    return np.column_stack((arcs_mm / _bounded_radius_mm(state, settings), rolls_rad))
+    stretches = pairwise((from_mm, *acting_mm, max(state.end_mm, from_mm)))
+    rolls_rad = (0.0, *(turn.roll_rad for turn in state.ahead))
+    arcs = zip(stretches, rolls_rad, strict=True)
+    return np.array([(max(end - start, 0.0) * per_mm, roll_rad) for (start, end), roll_rad in arcs])
 
 
 def _plan(
@@ -134,8 +133,7 @@ def _plan(
 ) -> Plan:
     around = Surroundings(problem)
     if np.linalg.norm(around.target_mm) <= settings.policy.final_mm:
-        weights = problem.weights.model_copy(update={"target_error_per_mm": _FINAL_ERROR_PER_MM})
-        psi = find_nearest_approach(Surroundings(replace(problem, weights=weights)))
+        psi = find_nearest_approach(around, _FINAL_ERROR_PER_MM)
         return Plan(found=False, reason="blocked near the target") if psi is None else make_plan(psi, around)
     return plan_path(problem, settings.method, effort, present)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from labrig.needle.kinematics import FloatArray, control_jacobians, control_points, path_frames, path_jacobian
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import ScoredPath, pick_best_feasible
+from labrig.steering.score import pick_best_feasible
 
 _ITERATIONS = 150
 _CHECK_EVERY = 10
@@ -27,14 +27,14 @@ _LARGEST_STEP_RAD = 0.2
 _LARGEST_ANGLE_RAD = np.pi / 2
 
 
-def search_by_resolved_rate(around: Surroundings) -> ScoredPath | None:
-    """Return the first feasible path, with as few arcs as possible, or None."""
+def search_by_resolved_rate(around: Surroundings) -> FloatArray | None:
+    """Return the first feasible path (n, 2), with as few arcs as possible, or None."""
     for arcs in range(1, around.problem.max_arcs + 1):
         psi = _make_starts(arcs, around)
         for iteration in range(_ITERATIONS):
             psi = _step(psi, around)
             if iteration % _CHECK_EVERY == _CHECK_EVERY - 1:
-                path = pick_best_feasible(psi, around)
+                path = pick_best_feasible([psi], around)
                 if path is not None:
                     return path
     return None
@@ -53,8 +53,9 @@ def _make_starts(arcs: int, around: Surroundings) -> FloatArray:
 def _step(psi: FloatArray, around: Surroundings) -> FloatArray:
     """Return the configurations after one step of equation (14)."""
     radius_mm, planar = around.problem.radius_mm, around.problem.planar
-    jacobian = path_jacobian(psi, radius_mm)
-    pull = around.target_mm - path_frames(psi, radius_mm).positions_mm[:, -1]
+    frames = path_frames(psi, radius_mm)
+    jacobian = path_jacobian(radius_mm, frames)
+    pull = around.target_mm - frames.positions_mm[:, -1]
     push = _avoidance_step(psi, around)
     if planar:  # the rolls are fixed: only the columns of theta are variables
         jacobian, push = jacobian[..., ::2], push[..., ::2]

@@ -5,7 +5,7 @@ and together they are long enough to reach the target. In each round, the starts
 that come nearest to keeping off the obstacles are then mended. Later rounds draw more widely and mend more.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from labrig.needle.kinematics import FloatArray, path_frames, path_jacobian
 from labrig.steering.mending import mend_paths, rank_by_lack
 from labrig.steering.problem import Surroundings
 from labrig.steering.resolved_rate import solve_damped
-from labrig.steering.score import ScoredPath, pick_best_feasible
+from labrig.steering.score import pick_best_feasible
 
 QUICK_ROUNDS = 3
 _ROUNDS = 36
@@ -40,8 +40,8 @@ class _Draw:
 _FIRST, _LATER = _Draw(1.3, 0.9, 24, 8), _Draw(1.6, 1.2, 64, 16)
 
 
-def search_space(around: Surroundings) -> Iterator[ScoredPath | None]:
-    """Yield the best path with free rolls of each round, or None."""
+def search_space(around: Surroundings, known: Sequence[FloatArray]) -> Iterator[FloatArray | None]:
+    """Yield the best path (n, 2) with free rolls of each round or of those (M, n, 2) that are known, or None."""
     rng = np.random.default_rng(0)
     problem = around.problem
     distance = float(np.linalg.norm(around.target_mm))
@@ -50,11 +50,9 @@ def search_space(around: Surroundings) -> Iterator[ScoredPath | None]:
         draw = _FIRST if round_number < QUICK_ROUNDS else _LATER
         arcs = min(fewest + 1 + round_number % 3, problem.max_arcs)
         psi = _settle(_draw_starts(rng, arcs, distance / problem.radius_mm, draw), around)
-        path = pick_best_feasible(psi, around)
-        if path is None:
-            mended = mend_paths(rank_by_lack(psi, around, draw.mended), around, draw.steps)
-            path = pick_best_feasible(mended, around)
-        yield path
+        if pick_best_feasible([psi], around) is None:
+            psi = mend_paths(rank_by_lack(psi, around, draw.mended), around, draw.steps)
+        yield pick_best_feasible([psi, *known], around)
 
 
 def _draw_starts(rng: np.random.Generator, arcs: int, turning_rad: float, draw: _Draw) -> FloatArray:
@@ -74,7 +72,7 @@ def _settle(psi: FloatArray, around: Surroundings) -> FloatArray:
     for _ in range(_STEPS):
         frames = path_frames(psi, radius_mm)
         error = around.target_mm - frames.positions_mm[:, -1]
-        jacobian = path_jacobian(psi, radius_mm, frames)
+        jacobian = path_jacobian(radius_mm, frames)
         step = solve_damped(jacobian, error, _DAMPING * radius_mm**2)
         psi = psi + np.clip(step.reshape(psi.shape), -0.5, 0.5)
         psi[..., 0] = np.clip(psi[..., 0], 0.0, np.pi)

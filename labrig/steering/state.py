@@ -87,10 +87,11 @@ class SteeringState:
         """Length of the rest of the path."""
         return self.end_mm - self.insertion_mm
 
-    def predict(self, insertion_mm: float, settings: SteeringSettings) -> FloatArray:
-        """Return the tip's pose (4, 4) at an insertion length ahead if no further turn is made before it."""
+    def predict(self, insertion_mm: float, settings: SteeringSettings, turned_rad: float = 0.0) -> FloatArray:
+        """Return the tip's pose (4, 4) at an insertion length ahead, and turned there; no further turn is before it."""
         straight_mm = settings.policy.closing_mm / 2
         steps = split_into_steps(self.insertion_mm, insertion_mm, self.turns, straight_mm)
+        steps.append(TipObservation(None, 0.0, turned_rad))
         return advance_pose(self.tip.pose, steps, self.tip.curvature, self.tip.slip)
 
     def list_turns(self, roll_rad: float) -> list[TurnAhead]:

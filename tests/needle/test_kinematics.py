@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from labrig.needle.kinematics import (
-    arc_jacobian,
     arc_pose,
     control_jacobians,
     control_points,
     path_frames,
     path_jacobian,
     path_points,
-    tip_and_place_jacobians,
+    place_jacobians,
 )
 
 FloatArray = NDArray[np.float64]
@@ -73,14 +72,11 @@ def test_the_tip_is_where_integration_ends(psi: FloatArray) -> None:
 
 @pytest.mark.parametrize("psi", CONFIGURATIONS)
 def test_the_jacobians_are_derivatives(psi: FloatArray) -> None:
-    """Equations (9), (10) and (15), its own-arc block corrected, agree with central differences to 1e-7."""
+    """Equations (10) and (15), its own-arc block corrected, agree with central differences to 1e-7."""
     of_tip = _differences(lambda p: path_frames(p, RADIUS_MM).positions_mm[-1], psi)
-    np.testing.assert_allclose(path_jacobian(psi, RADIUS_MM), of_tip, atol=1e-7)
+    np.testing.assert_allclose(path_jacobian(RADIUS_MM, path_frames(psi, RADIUS_MM)), of_tip, atol=1e-7)
     of_points = _differences(lambda p: control_points(p, RADIUS_MM, POINTS), psi)
     np.testing.assert_allclose(control_jacobians(psi, RADIUS_MM, POINTS), of_points, atol=1e-7)
-    for arc in psi:
-        of_arc = _differences(lambda p: arc_pose(p[0], p[1], RADIUS_MM)[0], arc)
-        np.testing.assert_allclose(arc_jacobian(arc[0], arc[1], RADIUS_MM), of_arc, atol=1e-7)
 
 
 @pytest.mark.parametrize("psi", CONFIGURATIONS)
@@ -93,7 +89,7 @@ def test_the_place_jacobians_are_the_derivatives_of_places_at_fixed_angles(psi: 
         steps, _ = arc_pose(psi[:, 0] / 2, moved[:, 1], RADIUS_MM)
         return frames.positions_mm[:-1] + (frames.rotations[:-1] @ steps[..., None])[..., 0]
 
-    _, found = tip_and_place_jacobians(psi, RADIUS_MM, path_frames(psi, RADIUS_MM), places(psi), arcs)
+    found = place_jacobians(RADIUS_MM, path_frames(psi, RADIUS_MM), places(psi), arcs, 0.0)
     np.testing.assert_allclose(found, _differences(places, psi), atol=1e-7)
 
 
@@ -104,7 +100,7 @@ def test_no_arc_goes_nowhere() -> None:
     assert np.all(frames.rotations == np.eye(3))
     expected = np.zeros((3, 8))
     expected[2, ::2] = RADIUS_MM
-    np.testing.assert_array_equal(path_jacobian(ZERO, RADIUS_MM), expected)
+    np.testing.assert_array_equal(path_jacobian(RADIUS_MM, frames), expected)
 
 
 def test_an_arc_bends_towards_minus_y_and_keeps_its_digits() -> None:
@@ -132,10 +128,10 @@ def test_frames_are_rotations_on_the_arcs(seed: int, arcs: int) -> None:
 def test_many_paths_at_once_are_each_path_alone(seed: int) -> None:
     """Leading axes change nothing: a stack of paths gives the stack of results."""
     stack = np.stack([_random(3, seed), _random(3, seed + 1)])
+    of_tips = path_jacobian(RADIUS_MM, path_frames(stack, RADIUS_MM))
     for k, psi in enumerate(stack):
-        np.testing.assert_allclose(
-            path_jacobian(stack, RADIUS_MM)[k], path_jacobian(psi, RADIUS_MM), atol=1e-12
-        )
+        alone = path_jacobian(RADIUS_MM, path_frames(psi, RADIUS_MM))
+        np.testing.assert_allclose(of_tips[k], alone, atol=1e-12)
         both = control_jacobians(stack, RADIUS_MM, POINTS)[k]
         np.testing.assert_allclose(both, control_jacobians(psi, RADIUS_MM, POINTS), atol=1e-12)
 

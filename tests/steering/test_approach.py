@@ -37,7 +37,7 @@ def test_the_tip_comes_as_near_as_a_turn_is_worth(planar, target, expected, miss
     """Targets at the ends of paths of arcs (roll, length) are reached by arcs (length, roll), or nearly reached."""
     end_mm = integrate_path([(roll, length / RADIUS_MM) for roll, length in target], RADIUS_MM)[-1]
     problem = PlanProblem(tuple(end_mm), radius_mm=RADIUS_MM, planar=planar)
-    path = find_nearest_approach(Surroundings(problem))
+    path = find_nearest_approach(Surroundings(problem), 10.0)
     np.testing.assert_allclose(path * (RADIUS_MM, 1.0), expected, atol=0.01)
     reached_mm = integrate_path([(roll, angle) for angle, roll in path], RADIUS_MM)[-1]
     assert np.linalg.norm(reached_mm - end_mm) == pytest.approx(miss_mm, abs=0.002)
@@ -48,4 +48,4 @@ def test_what_comes_too_near_to_an_obstacle_does_not_count(beside_mm, free):
     """Beside half the needle's 1.2 mm and a sphere of 2 mm it keeps its clearance off."""
     sphere = Obstacle((beside_mm, 0.0, 0.0), 2.0)
     problem = PlanProblem((0.0, 0.0, 6.0), (sphere,), radius_mm=RADIUS_MM, clearance_mm=0.6, planar=False)
-    assert (find_nearest_approach(Surroundings(problem)) is not None) == free
+    assert (find_nearest_approach(Surroundings(problem), 10.0) is not None) == free

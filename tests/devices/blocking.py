@@ -26,13 +26,7 @@ _REAL_LIMIT_S = 60.0
 
 
 class Blockade:
-    """Blocks threads until rig time has passed.
-
-    Parameters
-    ----------
-    clock : SimulatedClock
-        Rig time, which somebody else lets pass.
-    """
+    """Blocks threads until rig time has passed, which somebody else lets pass."""
 
     def __init__(self, clock: SimulatedClock) -> None:
         self._clock = clock
@@ -43,6 +37,8 @@ class Blockade:
     def hold(self, duration_s: float) -> None:
         """Block this thread for so much rig time [s]."""
         over = Event()
+        if not duration_s:
+            return
         with self._lock:
             self._blocked.append((self._clock.now_s() + duration_s, over))
         assert over.wait(_REAL_LIMIT_S), "rig time stands still"
@@ -65,24 +61,6 @@ class Blockade:
         return future.done()
 
 
-class LateClock(SimulatedClock):
-    """Rig time of a busy computer: each sleep lasts up to `late_s` longer than asked [s]."""
-
-    def __init__(self, drives: SimulatedClock, late_s: float) -> None:
-        super().__init__()
-        self._drives = drives
-        self._late_s = late_s
-        self._random = random.Random(1)
-
-    def now_s(self) -> float:
-        """Return the time of the drives, which is that of the rig."""
-        return self._drives.now_s()
-
-    def sleep(self, duration_s: float) -> None:
-        """Let time pass, and some more."""
-        self._drives.sleep(duration_s + self._random.uniform(0.0, self._late_s))
-
-
 class BusyDisk(WorkerThread):
     """A worker each call of which waits for the disk first."""
 
@@ -95,8 +73,7 @@ class BusyDisk(WorkerThread):
         """Do it, once the disk is ready."""
 
         def wait_and_call() -> _T:
-            if self.busy_s:
-                self._blockade.hold(self.busy_s)
+            self._blockade.hold(self.busy_s)
             return call()
 
         return super().do(wait_and_call, meanwhile, limit_s)
@@ -113,13 +90,12 @@ class HangingSource(SimulatedSource):
 
     def read(self) -> Exposure:
         """Give a picture, after it has hung."""
-        if self.hangs_s:
-            self._blockade.hold(self.hangs_s)
+        self._blockade.hold(self.hangs_s)
         return super().read()
 
 
 class ThreadedHardware(SimulatedHardware):
-    """Simulated drives and world, with the workers of a bench and a camera that can hang."""
+    """Simulated drives and world, with the workers of a bench; its sleeps last up to `late_s` longer than asked."""
 
     def __init__(self, rig: RigDescription, late_s: float) -> None:
         assert rig.world is not None
@@ -128,7 +104,8 @@ class ThreadedHardware(SimulatedHardware):
         self.camera_worker = WorkerThread("camera", self.clock, self.blockade.wait)
         self.disk = self.disk_worker = BusyDisk(self.blockade, self.clock)
         self.camera = HangingSource(self.world, self.clock, self.blockade)
-        self.clock = LateClock(self.clock, late_s) if late_s else self.clock
+        sleep, late = self.clock.sleep, random.Random(1)
+        vars(self.clock)["sleep"] = lambda duration_s: sleep(duration_s + late.uniform(0.0, late_s))
 
     def open_source(self) -> PictureSource:
         """Open the camera."""

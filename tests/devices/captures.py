@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from labrig.devices.camera import Picture
+from labrig.devices.camera import Camera, Picture
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.files import FilesCameraDescription
 from labrig.devices.uvc.camera import UvcCameraDescription, UvcSource
@@ -17,14 +17,12 @@ SIZE_PX = (64, 48)
 
 def draw_numbered_picture(number: int) -> Picture:
     """Return the picture with a number."""
-    picture = np.full(SIZE_PX[::-1], 10 + 5 * number, np.uint8)
-    picture[:8] = 0
-    return picture
+    return np.full(SIZE_PX[::-1], 5 * number, np.uint8)
 
 
 def number_in(image: Picture) -> int:
     """Return the number of a picture."""
-    return round((float(image[-8:].mean()) - 10) / 5)
+    return round(float(image.mean()) / 5)
 
 
 def write_pictures(folder: Path, count: int) -> Path:
@@ -41,13 +39,11 @@ def files_section(source: str, **keys: object) -> FilesCameraDescription:
     return FilesCameraDescription.model_validate({"driver": "files", "source": source, **size, **keys})
 
 
-def uvc_section() -> UvcCameraDescription:
-    """Return the section of a camera that takes 24 pictures a second."""
+def uvc_section(**keys: object) -> UvcCameraDescription:
+    """Return the section of a camera that takes 24 pictures a second, with changes."""
     size = {"width_px": SIZE_PX[0], "height_px": SIZE_PX[1], "rate_hz": 24.0, "pixel_format": "GREY"}
-    lacks = dict.fromkeys(("gain", "white_balance_k", "focus"))
-    return UvcCameraDescription.model_validate(
-        {"driver": "uvc", **size, **lacks, "exposure_us": 5000, "mains_hz": 50}
-    )
+    controls = {"exposure_us": 5000, "mains_hz": 50, "gain": None, "white_balance_k": None, "focus": None}
+    return UvcCameraDescription.model_validate({"driver": "uvc", **size, **controls, **keys})
 
 
 BEGAN_S = 1000.0
@@ -56,42 +52,39 @@ BEGAN_S = 1000.0
 
 @dataclass
 class FakeCapture:
-    """A camera that fills a queue of buffers at its rate, and gives the oldest, as V4L2 does.
-
-    Attributes
-    ----------
-    stamp_offset_s : float
-        What the clock of its stamps is ahead of the monotonic one [s].
-    stamps : bool
-        Whether it stamps its pictures at all.
-    """
+    """A camera that fills a queue of buffers at its rate, and gives the oldest, as V4L2 does; and its controls."""
 
     clock: SimulatedClock = field(default_factory=SimulatedClock)
-    rate_hz: float = 24.0
     queue_length: int = 4
-    stamp_offset_s: float = 0.0
     stamps: bool = True
+    stamp_offset_s: float = 0.0  # what the clock of its stamps is ahead of the monotonic one
+    tells: dict[int | str, float | None] = field(
+        default_factory=dict
+    )  # whatever was set; None or 0: it is silent
+    shows: Picture | None = None  # its picture; by default each says by its pixels which it is
     _queue: deque[tuple[float, int]] = field(default_factory=deque)
     _taken: tuple[float, int] = (0.0, -1)
-    _next_s: float = BEGAN_S
     _made: int = 0
-    _properties: dict[int, float] = field(default_factory=dict)
+    _settings: dict[int | str, float | None] = field(default_factory=dict)
 
     def monotonic_s(self) -> float:
         """Return the computer's monotonic time [s]."""
         return BEGAN_S + self.clock.now_s()
 
-    def open(self, section: UvcCameraDescription | None = None, lacks: str = "") -> UvcSource:
-        """Open it as OpenCV does, with controls that lack at most one."""
-        controls = FakeControls(lacks=lacks)
-        return UvcSource(self, controls, self.clock, section or uvc_section(), self.monotonic_s)
+    def open(self, **keys: object) -> Camera:
+        """Open it as OpenCV does, by a section with changes."""
+        section = uvc_section(**keys)
+        return Camera(UvcSource(self, self, self.clock, section, self.monotonic_s), section, self.clock)
+
+    @property
+    def _next_s(self) -> float:
+        return BEGAN_S + self._made / 24.0
 
     def _fill(self) -> None:
         while self._next_s <= self.monotonic_s():
             if len(self._queue) < self.queue_length:
                 self._queue.append((self._next_s, self._made))
             self._made += 1
-            self._next_s += 1 / self.rate_hz
 
     def grab(self) -> bool:
         """Take the oldest picture, and wait for it where there is none yet."""
@@ -103,44 +96,26 @@ class FakeCapture:
         return True
 
     def retrieve(self) -> tuple[bool, Picture]:
-        """Return the picture that was taken, whose pixels say which it is."""
-        return True, np.full(SIZE_PX[::-1], self._taken[1] % 251, np.uint8)
+        """Return the picture that was taken; an empty one is none."""
+        taken = np.full(SIZE_PX[::-1], self._taken[1] % 251, np.uint8)
+        return (True, taken) if self.shows is None else (self.shows.size > 0, self.shows)
 
     @property
     def exposed_s(self) -> float:
         """When the picture that was taken was exposed, by the monotonic clock [s]."""
         return self._taken[0]
 
-    def get(self, propId: int) -> float:
+    def get(self, what: int | str) -> float | None:
         """Return the stamp, or what was set."""
-        if propId == cv2.CAP_PROP_POS_MSEC:
+        if what == cv2.CAP_PROP_POS_MSEC:
             return 1000 * (self._taken[0] + self.stamp_offset_s) if self.stamps else 0.0
-        return self._properties.get(propId, 0.0)
+        return self.tells.get(what, self._settings.get(what))
 
-    def set(self, propId: int, value: float) -> bool:
+    def set(self, what: int | str, value: float) -> None:
         """Take every setting."""
-        self._properties[propId] = value
-        return True
+        self._settings[what] = value
 
     def release(self) -> None:
         """Nothing is held."""
 
-
-@dataclass
-class FakeControls:
-    """Controls that take every setting, except for one that the camera lacks."""
-
-    values: dict[str, float] = field(default_factory=dict)
-    lacks: str = ""
-
-    def set(self, name: str, value: float) -> None:
-        """Take it."""
-        if name != self.lacks:
-            self.values[name] = value
-
-    def get(self, name: str) -> float | None:
-        """Tell it."""
-        return self.values.get(name)
-
-    def close(self) -> None:
-        """Nothing is held."""
+    close = release

@@ -125,14 +125,9 @@ def _aborts(error: type[LabrigError], words: str) -> FaultOutcome:
 
 _SILENT = _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER)
 _SILENT_AT_REST = replace(_SILENT, stop=Stop.AFTER_SILENCE)  # nothing moves, and the dead-man acts
-_BEAT_MISSED = ("emergency", 0x8130)
-_STOOD_STILL = _fails(
-    DriveFaultError, "labrig itself stood still for", Stop.BY_THE_DRIVE, Lost.ALL, _BEAT_MISSED
-)
-_DEAF = _fails(DriveSilentError, "did not answer", Stop.BY_THE_DRIVE, Lost.ALL, _NO_ANSWER)
+_HUNG = _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL)
+_STOOD_STILL = replace(_HUNG, words="labrig itself stood still for")
 _RESTARTED = _fails(DriveRestartedError, "has restarted: it lost power")
-_REFUSED = _fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)
-_UNANSWERED = _fails(DriveSilentError, "did not answer", lost=Lost.NONE, fault=_NO_ANSWER)
 
 
 def _at_the_next_question(outcome: FaultOutcome) -> dict[Phase, FaultOutcome]:
@@ -157,10 +152,10 @@ FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "one frame late": SURVIVED,
     # The drive or its answers
     "node silent": _SILENT,
-    "node deaf": _DEAF,
+    "node deaf": replace(_SILENT, stop=Stop.BY_THE_DRIVE),
     "boot-up": _RESTARTED,
-    "SDO abort": _at_the_next_question(_REFUSED),
-    "SDO timeout": _at_the_next_question(_UNANSWERED),
+    "SDO abort": _at_the_next_question(_fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)),
+    "SDO timeout": _at_the_next_question(replace(_SILENT, lost=Lost.NONE)),
     "heartbeat of the drive lost": _fails(
         DriveSilentError, "has sent no heartbeat", Stop.AFTER_SILENCE, Lost.NONE, _HEARTBEAT_LOST
     ),
@@ -188,7 +183,7 @@ FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "unknown hardware": _RESTARTED,
     "fingerprint mismatch": _RESTARTED,
     # The computer
-    "computer hangs": _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL),
+    "computer hangs": _HUNG,
     "signal": _aborts(InterruptedRunError, "interrupted by SIGINT"),
     "camera lost": _find_later(CameraError, "gave no picture"),
     "camera frozen": _find_later(CameraError, "the same picture", in_tissue=True),

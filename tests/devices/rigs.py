@@ -47,13 +47,11 @@ def large_rig(*overrides: str) -> RigDescription:
     return load_rig(SIMULATED, (*FAST_WORLD, *overrides))
 
 
-def rig_text(replacements: Mapping[str, str]) -> str:
-    """Return the text of the simulated rig's file with stretches replaced, each where it stands first."""
+def rig_text(old: str, new: str) -> str:
+    """Return the text of the simulated rig's file with a stretch replaced where it stands first."""
     text = SIMULATED.read_text(encoding="utf-8")
-    for old, new in replacements.items():
-        assert old in text
-        text = text.replace(old, new, 1)
-    return text
+    assert old in text
+    return text.replace(old, new, 1)
 
 
 def epos2_axis(**changes: object) -> Epos2Axis:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any
 
 import can
@@ -46,40 +46,26 @@ class Served:
         assert done.wait(_PATIENCE_S)
 
 
-def _free_port() -> int:
-    """Return a port that no other test process uses."""
-    return 20_000 + os.getpid() % 40_000
-
-
 def _open(interface: str) -> tuple[can.BusABC, dict[str, Any]]:
-    if interface == "virtual":
-        reached_by: dict[str, Any] = {"interface": "virtual", "channel": "served"}
-        return can.Bus(**reached_by), reached_by
-    if interface == "udp_multicast":
-        reached_by = {"interface": "udp_multicast", "channel": _GROUP, "port": _free_port()}
-        return _multicast(reached_by), reached_by
-    server = SlcanAdapter()
-    return server, {
-        "interface": "slcan",
-        "channel": server.path,
-        "bitrate": 1_000_000,
-        "sleep_after_open": 0,
-    }
-
-
-def _multicast(reached_by: dict[str, Any]) -> can.BusABC:
-    """Open a multicast bus; the test is skipped where a frame does not come back."""
+    """Open a bus; the test is skipped where a frame does not come through, as multicast on some machines."""
+    if interface == "slcan":
+        server = SlcanAdapter()
+        to_channel = {"channel": server.path, "bitrate": 1_000_000, "sleep_after_open": 0}
+        return server, {"interface": "slcan", **to_channel}
+    # No other test process uses that port.
+    port = {"port": 20_000 + os.getpid() % 40_000} if interface == "udp_multicast" else {}
+    reached_by: dict[str, Any] = {"interface": interface, "channel": _GROUP, **port}
     try:
-        bus = open_bus("udp_multicast", _GROUP, _free_port())
+        bus = open_bus(interface, _GROUP, **port)
         with can.Bus(**reached_by) as probe:
             probe.send(can.Message(arbitration_id=0x7FF, is_extended_id=False))
             heard = bus.recv(5.0)
     except (BusError, can.CanError, OSError) as error:
-        pytest.skip(f"no multicast on this machine: {error}")
+        pytest.skip(f"no {interface} on this machine: {error}")
     if heard is None:
         bus.shutdown()
-        pytest.skip("no multicast on this machine: a frame that was sent did not arrive")
-    return bus
+        pytest.skip(f"no {interface} on this machine: a frame that was sent did not arrive")
+    return bus, reached_by
 
 
 @contextmanager
@@ -90,7 +76,8 @@ def served_drives(interface: str, node_ids: tuple[int, ...] = (1, 2, 3)) -> Iter
     actions: SimpleQueue[Callable[[], object]] = SimpleQueue()
 
     def until() -> bool:
-        _do_all(actions)
+        while not actions.empty():
+            actions.get()()
         return over.is_set()
 
     thread = threading.Thread(target=served.serve, args=(until,))
@@ -101,14 +88,6 @@ def served_drives(interface: str, node_ids: tuple[int, ...] = (1, 2, 3)) -> Iter
         over.set()
         thread.join()
         bus.shutdown()
-
-
-def _do_all(actions: SimpleQueue[Callable[[], object]]) -> None:
-    try:
-        while True:
-            actions.get_nowait()()
-    except Empty:
-        return
 
 
 SCREW = ("counts_per_turn=2000", "gear_ratio=4", "limits=[-2, 120]", "acceleration=50")

@@ -33,6 +33,7 @@ def test_the_simulated_rig_is_in_order() -> None:
     results = _by_name(check_rig(simulated_rig()))
     for name in ("bus", "drive insertion", "drive linear", "guards rotation", "camera picture", "rig state"):
         assert results[name].status is PASS, results[name]
+    assert "0x6007:00 = 1" in results["guards rotation"].value
     assert results["reference insertion"].status is WARN
 
 

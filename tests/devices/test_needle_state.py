@@ -27,12 +27,6 @@ def test_a_state_survives_the_process(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["state.json"]
 
 
-def test_without_a_path_nothing_is_remembered() -> None:
-    """A simulated rig is new in every run, with no needle in tissue."""
-    NeedleState(None).mark_in_tissue("run-1")
-    assert NeedleState(None).state.needle_in_tissue is False
-
-
 _STATE = {"kind": "labrig-rig-state", "schema_version": 1, "needle_in_tissue": False, "referenced": []}
 _ZERO = {"needle_id": "N1", "zero_rad": 0, "sd_rad": 0, "run": "a"}
 

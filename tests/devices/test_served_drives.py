@@ -1,4 +1,4 @@
-"""Simulated drives for other programs: python-can's interfaces, slcan, and an outside CANopen client."""
+"""Simulated drives for other programs: python-can's interfaces, a serial line of slcan, outside CANopen clients."""
 
 import json
 import os
@@ -6,15 +6,16 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
+import can
 import canopen
 import pytest
 
 from labrig.cli.main import run_command
+from labrig.devices.simulated.slcan import SlcanAdapter
 from tests.devices.served import INTERFACES, served_drives
-
-pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 VENDOR = b"\xfb\0\0\0"
@@ -22,16 +23,22 @@ CLIENT = Path(__file__).parent / "outside_client" / "client.js"
 PACKAGES = Path(sys.prefix) / "outside-client" / "node_modules"
 
 
+def _connect(**reached_by: object) -> tuple[canopen.Network, canopen.RemoteNode]:
+    """Return the bus of a foreign client, and node 2 on it, which has said who made it."""
+    network, node = canopen.Network(), canopen.RemoteNode(2, canopen.ObjectDictionary())
+    network.connect(**reached_by)
+    network.add_node(node)
+    node.sdo.RESPONSE_TIMEOUT = 2.0
+    assert node.sdo.upload(0x1018, 1) == VENDOR
+    return network, node
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("interface", INTERFACES)
 def test_a_canopen_client_drives_a_node_over_every_interface(interface: str) -> None:
     """Vendor, reset with boot-up, enabling and a move, by the Python package canopen over a real python-can bus."""
     with served_drives(interface) as served:
-        network = canopen.Network()
-        network.connect(**served.reached_by)
-        node = canopen.RemoteNode(2, canopen.ObjectDictionary())
-        network.add_node(node)
-        node.sdo.RESPONSE_TIMEOUT = 2.0
-        assert node.sdo.upload(0x1018, 1) == VENDOR
+        network, node = _connect(**served.reached_by)
         node.nmt.send_command(0x81)
         node.nmt.wait_for_bootup(5)
         node.nmt.send_command(0x01)
@@ -47,6 +54,7 @@ def test_a_canopen_client_drives_a_node_over_every_interface(interface: str) -> 
         assert served.drives[1].shaft_counts == 0
 
 
+@pytest.mark.slow
 def test_an_outside_client_drives_the_simulated_drive() -> None:
     """The npm package canopen enables and moves it, gets maxon's abort codes and its emergency."""
     node = shutil.which("node")
@@ -71,27 +79,14 @@ def test_an_outside_client_drives_the_simulated_drive() -> None:
     }
 
 
-def _simulate(*arguments: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [sys.executable, "-m", "labrig", "devices", "simulate", *arguments],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
+@pytest.mark.slow
 def test_the_command_names_its_port_and_serves() -> None:
     """One line when ready; INT ends it with 130."""
-    with _simulate("--interface", "slcan", "--nodes", "4") as serving:
+    command = [sys.executable, "-m", "labrig", "devices", "simulate", "--interface", "slcan", "--nodes", "2"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as serving:
         assert serving.stdout is not None
-        ready = serving.stdout.readline().split()
-        network = canopen.Network()
-        network.connect(interface="slcan", channel=ready[-1], bitrate=1_000_000, sleep_after_open=0)
-        node = canopen.RemoteNode(4, canopen.ObjectDictionary())
-        network.add_node(node)
-        node.sdo.RESPONSE_TIMEOUT = 2.0
-        assert node.sdo.upload(0x1018, 1) == VENDOR
+        channel = serving.stdout.readline().split()[-1]
+        network, _ = _connect(interface="slcan", channel=channel, bitrate=1_000_000, sleep_after_open=0)
         network.disconnect()
         serving.send_signal(signal.SIGINT)
         assert serving.wait(10) == 130
@@ -113,3 +108,51 @@ def test_the_command_refuses_an_unreachable_bus(
     """Wrong input exits with 2 and a sentence."""
     assert run_command(["devices", "simulate", *arguments]) == 2
     assert words in capsys.readouterr().err
+
+
+def _read(program: int, length: int) -> bytes:
+    received = b""
+    while len(received) < length:
+        received += os.read(program, length - len(received))
+    return received
+
+
+def test_an_adapter_acknowledges_commands() -> None:
+    """Commands get CR, frames z and CR, errors a bell; a closed channel takes no frame, and half a line waits."""
+    with SlcanAdapter() as adapter:
+        program = os.open(adapter.path, os.O_RDWR | os.O_NOCTTY)
+        for text, answer, received in (
+            (b"V\rC\r", b"V1013\r\a", None),
+            (b"t60180000000000000000\r", b"\a", None),
+            (b"\rN\rS8\r?\r", b"\rNA123\r\r\a", None),
+            (b"O\rt6012ABCD\r", b"\rz\r", (0x601, b"\xab\xcd")),
+            (b"t6019\rtXYZ1AA\rS6\rC\rC\r", b"\a\a\a\r\a", None),
+            (b"O\rt6012AB", b"\r", None),
+            (b"CD\r", b"z\r", (0x601, b"\xab\xcd")),
+            (b"t7FF0\r", b"z\r", (0x7FF, b"")),
+        ):
+            os.write(program, text)
+            message = adapter.recv(timeout=0.2)
+            assert _read(program, len(answer)) == answer
+            assert (message and (message.arbitration_id, bytes(message.data))) == received
+        os.close(program)
+
+
+def test_a_program_that_never_reads_loses_frames_and_delays_nobody() -> None:
+    """The bus sends more than the line holds; what arrives is whole."""
+    frame, sent = can.Message(arbitration_id=0x181, data=b"\1\2\3\4", is_extended_id=False), 2000
+    with SlcanAdapter() as adapter:
+        program = os.open(adapter.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        os.write(program, b"O\r")
+        assert adapter.recv(timeout=0.05) is None
+        for _ in range(sent):
+            adapter.send(frame)
+        lines = b""
+        with suppress(BlockingIOError):
+            while True:
+                lines += os.read(program, 65536)
+        os.close(program)
+    opened, *frames, rest = lines.split(b"\r")
+    assert 0 < len(frames) < sent
+    assert (opened, set(frames)) == (b"", {b"t181401020304"})
+    assert b"t181401020304\r".startswith(rest)

@@ -1,6 +1,7 @@
 """The simulated drive as any CANopen client sees it: NMT, heartbeat, SDO, EMCY, abort codes and reactions to faults."""
 
 import math
+import struct
 from collections.abc import Iterator
 
 import can
@@ -45,8 +46,7 @@ class Bench:
 
     def ask(self, command: int, place: Place, data: bytes = b"") -> bytes:
         """Send an SDO request, and return the answer."""
-        head = bytes([command]) + place.index.to_bytes(2, "little") + bytes([place.subindex])
-        self.send(0x600 + NODE, head + data.ljust(4, b"\0"))
+        self.send(0x600 + NODE, struct.pack("<BHB4s", command, *place, data))
         (answer,) = self.frames(0x580 + NODE)
         return answer
 

@@ -1,12 +1,12 @@
 """Only one labrig uses a rig, and another one can stop it; `labrig devices stop`, below the command line."""
 
+import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -19,7 +19,7 @@ from labrig.devices.exclusive import acquire_rig, find_owner, name_bus
 from labrig.devices.rig_file import load_rig
 from labrig.devices.stop import read_stop_target, stop_drives, stop_rig
 from labrig.errors import BusError, FileFormatError, LockedError, SafetyStopError
-from labrig.record.lock import LockOwner
+from labrig.record.lock import FileLock, LockOwner
 from tests.devices.rigs import BENCH, SIMULATED, OpenedRig, opened_rig, ready_rig, rig_text, simulated_rig
 
 TARGET = read_stop_target(SIMULATED)
@@ -58,23 +58,6 @@ def test_a_bus_is_known_by_its_channel(tmp_path: Path) -> None:
     assert name_bus(STATEFUL.can) == ""
 
 
-@contextmanager
-def _running(code: str, *arguments: object) -> Iterator[None]:
-    """Let another process hold something until the block ends."""
-    with subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, arguments)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "held\n"
-        yield
-        assert other.stdin is not None
-        other.stdin.close()
-        other.wait()
-
-
 _OTHER_ACCOUNT = """
 import os, sys
 from pathlib import Path
@@ -95,36 +78,31 @@ def test_two_accounts_do_not_share_a_bus(tmp_path: Path) -> None:
     """A labrig of another account keeps the bus to itself until it has ended."""
     rig = load_rig(BENCH).placed_in(tmp_path)
     with tempfile.TemporaryDirectory() as theirs:
-        with (
-            _running(_OTHER_ACCOUNT, BENCH, theirs),
-            pytest.raises(LockedError, match=r"its bus socketcan can0 is in use by another labrig"),
-            acquire_rig(rig, "labrig run mine.yaml"),
-        ):
-            pass
+        command = [sys.executable, "-c", _OTHER_ACCOUNT, str(BENCH), theirs]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+            assert other.stdout is not None
+            assert other.stdout.readline() == b"held\n"
+            with (
+                pytest.raises(LockedError, match=r"its bus socketcan can0 is in use by another labrig"),
+                acquire_rig(rig, "labrig run mine.yaml"),
+            ):
+                pass
+            other.communicate(b"")
         with acquire_rig(rig, "labrig run mine.yaml"):
             pass
 
 
-_HANGING = """
-import signal, sys
-from pathlib import Path
-from labrig.record.lock import FileLock
-signal.signal(signal.SIGTERM, signal.SIG_IGN)
-with FileLock(Path(sys.argv[1])).acquire("labrig run other.yaml"):
-    print("held", flush=True)
-    sys.stdin.read()
-"""
-
-
 def test_a_labrig_that_does_not_end_is_named(tmp_path: Path) -> None:
-    """One that hangs keeps the rig, and the report says so."""
-    with _running(_HANGING, tmp_path / "state.json.lock"):
-        done = stop_rig(replace(TARGET, state_path=tmp_path / "state.json"), SimulatedClock())
-        assert "asked labrig run other.yaml (process" in done[0]
-        assert "and it has not let go of the rig" in done[0]
-
-
-# What a rig file has to say for it
+    """It was asked to, by the signal for it; one that hangs keeps the rig, and the report says so."""
+    path = tmp_path / "state.json"
+    with FileLock(tmp_path / "state.json.lock").acquire("labrig run other.yaml"):
+        with subprocess.Popen(["sleep", "60"]) as other:
+            owner = asdict(LockOwner("labrig run other.yaml", other.pid, os.uname().nodename))
+            (tmp_path / "state.json.lock.owner").write_text(json.dumps(owner))
+            done = stop_rig(replace(TARGET, state_path=path), SimulatedClock())
+            assert other.wait(10) == -signal.SIGTERM
+        assert done[0].startswith(f"asked labrig run other.yaml (process {other.pid}")
+        assert done[0].endswith("to end, and it has not let go of the rig")
 
 
 @pytest.mark.parametrize(
@@ -139,7 +117,7 @@ def test_a_labrig_that_does_not_end_is_named(tmp_path: Path) -> None:
 def test_a_rig_is_stopped_by_a_file_with_other_faults(tmp_path: Path, old: str, new: str) -> None:
     """Bus and nodes are enough."""
     path = tmp_path / "rig.yaml"
-    path.write_text(rig_text({old: new}), encoding="utf-8")
+    path.write_text(rig_text(old, new), encoding="utf-8")
     with pytest.raises(FileFormatError):
         load_rig(path)
     target = read_stop_target(path)
@@ -155,9 +133,6 @@ def test_a_file_without_a_bus_says_to_press_the_emergency_stop(tmp_path: Path, t
     with pytest.raises(FileFormatError) as refused:
         read_stop_target(tmp_path / "rig.yaml")
     assert refused.value.hint.startswith("press the emergency stop")
-
-
-# Over the bus
 
 
 def _stop(opened: OpenedRig) -> tuple[str, ...]:

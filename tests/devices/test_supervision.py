@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from threading import Thread
 
 import pytest
@@ -39,9 +39,6 @@ from tests.devices.wire_faults import (
     require_no_fault,
     send_as_other,
 )
-
-# Beats
-
 
 LONG_S = 120.0
 
@@ -193,24 +190,16 @@ def test_another_master_ends_an_exchange_with_drives() -> None:
 # Drives that do not answer, or are in fault
 
 
-@dataclass
-class Moving(OpenedRig):
-    """A rig whose insertion axis moves, with the alerts that it gave and their times [s]."""
-
-    alerts: list[tuple[float, str]] = field(default_factory=list)
-
-
 @contextmanager
-def _moving() -> Iterator[Moving]:
+def _moving() -> Iterator[OpenedRig]:
+    """Yield a rig whose insertion axis moves, with the needle in tissue."""
     with ready_rig() as opened:
-        rig, moving = opened.rig, Moving(opened.rig, opened.hardware, opened.signal, opened.person)
-        rig._alert = lambda text: moving.alerts.append((rig.clock.now_s(), text))
-        rig.needle.mark_in_tissue("run-1")
-        rig.axis("insertion").start_move(100.0, 5.0)
+        opened.rig.needle.mark_in_tissue("run-1")
+        opened.rig.axis("insertion").start_move(100.0, 5.0)
         for _ in range(20):
-            rig.wait(0.05)
-            rig.read_states()
-        yield moving
+            opened.rig.wait(0.05)
+            opened.rig.read_states()
+        yield opened
 
 
 def _go_on(rig: Rig) -> None:
@@ -288,19 +277,18 @@ def test_one_cause_is_one_question_or_refusal(codes: tuple[int, ...]) -> None:
         assert refused.value.hint.count("labrig devices home --rig") == 1
 
 
-# What is said of the needle
-
-
 @pytest.mark.parametrize("fault", [SimulatedCia402Drive.mute, deafen], ids=["silent", "deaf"])
 def test_lost_drives_are_told_within_a_second(fault: Callable[[SimulatedCia402Drive], None]) -> None:
     """The alert comes before labrig tries to stop them; it names the emergency stop and the last positions."""
+    alerts: list[tuple[float, str]] = []
     with _moving() as opened:
         struck_s = opened.rig.clock.now_s()
+        opened.rig._alert = lambda text: alerts.append((opened.rig.clock.now_s(), text))
         for drive in opened.drives.values():
             fault(drive)
         with pytest.raises(DriveSilentError):
             opened.rig.wait(10.0)
-        ((told_s, text),) = opened.alerts
+        ((told_s, text),) = alerts
         assert told_s - struck_s <= 1.0
         assert re.match(
             r"the drive.* not answer: press the emergency stop; what the needle is doing is not", text

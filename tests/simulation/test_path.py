@@ -110,18 +110,18 @@ def test_the_bevel_follows_the_base_with_play(bases: list[float], lag_rad: float
         assert follow_with_play(before, to, 0.0) == to
 
 
+LAGS = {"torsion_lag_deg": 10}
+BEHIND = math.sin(LAG_RAD) * 30**2 / 2
+
+
 @pytest.mark.parametrize(
     ("lag", "pieces", "bends"),
     [
-        ({"torsion_lag_deg": 10}, [(10, 0), (20, PI), (30, 0), (40, PI)], math.sin(LAG_RAD) * 30**2 / 2),
-        ({"torsion_lag_deg": 10}, [(10, 0), (20, PI), (30, 2 * PI), (40, 3 * PI)], math.sin(LAG_RAD) * 150),
-        (
-            {"torsion_lag_deg_per_mm": 0.5},
-            [(20, 0), *[(20, PI)] * 50, (50, PI)],
-            math.sin(LAG_RAD) * 30**2 / 2,
-        ),
-        ({"torsion_lag_deg": 10}, [(10, 0), (10, PI + LAG_RAD), (40, PI + LAG_RAD)], 0.0),
-        ({"torsion_lag_deg": 10}, [(10, 0), (10, PI + LAG_RAD), (40, PI)], 0.0),
+        (LAGS, [(10, 0), (20, PI), (30, 0), (40, PI)], BEHIND),
+        (LAGS, [(10, 0), (20, PI), (30, 2 * PI), (40, 3 * PI)], BEHIND / 3),
+        ({"torsion_lag_deg_per_mm": 0.5}, [(20, 0), *[(20, PI)] * 50, (50, PI)], BEHIND),
+        (LAGS, [(10, 0), (10, PI + LAG_RAD), (40, PI + LAG_RAD)], 0.0),
+        (LAGS, [(10, 0), (10, PI + LAG_RAD), (40, PI)], 0.0),
     ],
     ids=["to and fro", "on the same way", "waiting", "overshot", "overshot and back"],
 )
@@ -149,16 +149,15 @@ def draw_paths(**changes: object) -> list[Unevenness]:
     return [draw_unevenness(description, np.random.default_rng(seed)) for seed in range(200)]
 
 
-def test_the_heading_wanders_with_the_root_of_the_length() -> None:
-    """Over 200 paths the heading's spread is 0.3 degrees after 1 mm and 3 degrees after 100 mm."""
+def test_heading_and_curvature_wander_as_described() -> None:
+    """Over 200 paths: 0.3 degrees of heading after 1 mm and 3 degrees after 100 mm.
+
+    The curvature's share has the given spread about its mean, and a correlation of 1/e after the given length.
+    """
     turns = np.array([path.turn_rad for path in draw_paths(heading_deg_per_root_mm=0.3)])
     for length_mm, expected_deg in ((1.0, 0.3), (100.0, 3.0)):
         spread = np.degrees(turns[:, : round(length_mm / NODE_MM)].sum(axis=1)).std()
         assert spread == pytest.approx(expected_deg, rel=0.2)
-
-
-def test_the_curvature_wanders_about_its_mean_and_forgets() -> None:
-    """Its share has the given spread, and a correlation of 1/e after the given length."""
     paths = draw_paths(curvature_fraction=0.05, curvature_length_mm=10.0)
     off = np.array([path.curvature_share for path in paths]) - 1.0
     assert off.std() == pytest.approx(0.05, rel=0.1)

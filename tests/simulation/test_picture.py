@@ -1,4 +1,4 @@
-"""Pictures of the simulated camera, measured independently and compared with the truth.
+"""The world's own lens, and pictures of the simulated camera: measured independently and compared with the truth.
 
 What is out of the plane is compared with a pinhole camera of our own: cv2.projectPoints on points in space.
 """
@@ -9,11 +9,20 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from labrig.errors import InputError
 from labrig.simulation.description import LensDescription, WorldDescription
 from labrig.simulation.gel import Ball
-from labrig.simulation.lens import plane_to_pixels, see_points
+from labrig.simulation.lens import (
+    plane_to_pixels,
+    project,
+    see_points,
+    steering_plane_pose,
+    undistort,
+    unproject,
+)
 from labrig.simulation.world import World
 from tests.simulation.benches import (
     QUIET,
@@ -29,8 +38,58 @@ from tests.simulation.benches import (
 Floats = npt.NDArray[np.float64]
 OFFSETS_MM = np.arange(-1.4, 1.4001, 0.02)
 LENS = LensDescription(distance_mm=185.0, origin_px=(150.0, 310.0), tilt_deg=6.0)
-STRAIGHT_LENS = {"distance_mm": 185, "origin_px": [150, 310], "tilt_deg": 0, "roll_deg": 0}
+STRAIGHT = {"distance_mm": 185, "origin_px": [150, 310], "tilt_deg": 0, "roll_deg": 0}
+PLAIN = LensDescription(distortion=(0.0,) * 5, tilt_deg=0.0, roll_deg=0.0)
 MARKER: dict[str, Any] = {"marker_id": 7, "side_mm": 6, "position_mm": [-12, 25], "turn_deg": 30}
+
+
+@given(u=st.floats(0, 1279), v=st.floats(0, 719), depth_mm=st.floats(10, 1000))
+def test_a_ray_ends_in_the_pixel_it_came_from(u: float, v: float, depth_mm: float) -> None:
+    """Unprojecting a pixel and projecting any point of its ray gives the pixel back."""
+    pixel = np.array([[u, v]])
+    assert project(unproject(pixel, QUIET.lens) * depth_mm, QUIET.lens) == pytest.approx(pixel, abs=1e-6)
+
+
+def test_a_lens_that_folds_the_picture_is_refused() -> None:
+    """Distortion without an inverse names itself instead of drawing nonsense."""
+    lens = LensDescription(distortion=(-9.0, 0.0, 0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="no inverse"):
+        undistort(np.array([[0.36, 0.2]]), lens)
+
+
+def test_the_plane_stands_where_the_description_says() -> None:
+    """Its origin is seen at origin_px, distance and tilt are those of the optical axis; z goes right and y up."""
+    assert plane_to_pixels(np.zeros((1, 2)), QUIET.lens)[0] == pytest.approx(QUIET.lens.origin_px, abs=1e-6)
+    pose = steering_plane_pose(QUIET.lens)
+    normal = pose.rotation[:, 2]
+    assert normal @ pose.translation_mm / normal[2] == pytest.approx(QUIET.lens.distance_mm)
+    assert np.degrees(np.arccos(normal[2])) == pytest.approx(QUIET.lens.tilt_deg)
+    assert np.linalg.det(pose.rotation) == pytest.approx(1)
+    along, up = plane_to_pixels(np.array([[0.0, 10.0], [10.0, 0.0]]), PLAIN) - PLAIN.origin_px
+    assert along == pytest.approx([10 * PLAIN.fx_px / PLAIN.distance_mm, 0])
+    assert up == pytest.approx([0, -10 * PLAIN.fy_px / PLAIN.distance_mm])
+
+
+def project_by_opencv(points_mm: Floats, lens: LensDescription) -> Floats:
+    """Return the pixels (N, 2) of points (N, 3), (x, y, z), by a pose fitted to points of the plane alone."""
+    matrix = np.array([[lens.fx_px, 0, lens.cx_px], [0, lens.fy_px, lens.cy_px], [0, 0, 1]])
+    distortion = np.array(lens.distortion)
+    grid = np.array([(y, z) for y in np.linspace(-35, 25, 7) for z in np.linspace(-10, 110, 9)])
+    # z to the right, -y down and x away from the camera are right-handed.
+    flat = np.column_stack((grid[:, 1], -grid[:, 0], np.zeros(len(grid))))
+    _, turn, shift = cv2.solvePnP(flat, plane_to_pixels(grid, lens), matrix, distortion)
+    turn, shift = cv2.solvePnPRefineLM(flat, plane_to_pixels(grid, lens), matrix, distortion, turn, shift)
+    solid = np.column_stack((points_mm[:, 2], -points_mm[:, 1], points_mm[:, 0]))
+    pixels, _ = cv2.projectPoints(solid, turn, shift, matrix, distortion)
+    return np.asarray(pixels.reshape(-1, 2), float)
+
+
+def test_a_point_is_seen_where_a_pinhole_sees_it() -> None:
+    """Points up to 15 mm before and behind the plane appear at the pixels that OpenCV projects them to."""
+    random = np.random.default_rng(4)
+    points = random.uniform((-15.0, -35.0, 0.0), (15.0, 25.0, 110.0), (200, 3))
+    seen, _ = see_points(points, LENS)
+    assert plane_to_pixels(seen, LENS) == pytest.approx(project_by_opencv(points, LENS), abs=0.01)
 
 
 def profiles(picture: npt.NDArray[np.uint8], line_mm: Floats) -> Floats:
@@ -83,33 +142,11 @@ def test_a_withdrawn_needle_leaves_a_faint_track_that_moves_with_the_gel() -> No
     assert np.ptp(profiles(world.picture(), line).mean(axis=0)) < 8
 
 
-def project_by_opencv(points_mm: Floats, lens: LensDescription) -> Floats:
-    """Return the pixels (N, 2) of points (N, 3), (x, y, z), by a pose fitted to points of the plane alone."""
-    matrix = np.array([[lens.fx_px, 0, lens.cx_px], [0, lens.fy_px, lens.cy_px], [0, 0, 1]])
-    distortion = np.array(lens.distortion)
-    grid = np.array([(y, z) for y in np.linspace(-35, 25, 7) for z in np.linspace(-10, 110, 9)])
-    # z to the right, -y down and x away from the camera are right-handed.
-    flat = np.column_stack((grid[:, 1], -grid[:, 0], np.zeros(len(grid))))
-    _, turn, shift = cv2.solvePnP(flat, plane_to_pixels(grid, lens), matrix, distortion)
-    turn, shift = cv2.solvePnPRefineLM(flat, plane_to_pixels(grid, lens), matrix, distortion, turn, shift)
-    solid = np.column_stack((points_mm[:, 2], -points_mm[:, 1], points_mm[:, 0]))
-    pixels, _ = cv2.projectPoints(solid, turn, shift, matrix, distortion)
-    return np.asarray(pixels.reshape(-1, 2), float)
-
-
-def test_a_point_is_seen_where_a_pinhole_sees_it() -> None:
-    """Points up to 15 mm before and behind the plane appear at the pixels that OpenCV projects them to."""
-    random = np.random.default_rng(4)
-    points = random.uniform((-15.0, -35.0, 0.0), (15.0, 25.0, 110.0), (200, 3))
-    seen, _ = see_points(points, LENS)
-    assert plane_to_pixels(seen, LENS) == pytest.approx(project_by_opencv(points, LENS), abs=0.01)
-
-
 def test_the_needle_is_drawn_where_and_as_wide_as_its_distance_makes_it() -> None:
     """Far out of the plane, the dark shaft's edges stand where OpenCV projects the ends of its diameter."""
     world = before_gel(
         2,
-        lens=STRAIGHT_LENS | {"origin_px": [150, 600]},
+        lens=STRAIGHT | {"origin_px": [150, 600]},
         blur_px=0,
         light={"glint": 0, "unevenness": 0},
         gels=one_radius(1000),
@@ -132,14 +169,11 @@ def test_the_needle_is_drawn_where_and_as_wide_as_its_distance_makes_it() -> Non
 
 def test_an_obstacle_out_of_the_plane_is_seen_aside_and_smaller() -> None:
     """The middle of its disc is where OpenCV projects its centre; the gel shines through it."""
-    bare, cast = (
-        before_gel(2, balls, lens=STRAIGHT_LENS).picture().astype(int)
-        for balls in ([], [Ball((12.0, -20.0, 90.0), 6.0)])
-    )
-    lens = LensDescription(distance_mm=185.0, origin_px=(150.0, 310.0), tilt_deg=0.0, roll_deg=0.0)
+    worlds = [before_gel(2, balls, lens=STRAIGHT) for balls in ([], [Ball((12.0, -20.0, 90.0), 6.0)])]
+    bare, cast = (world.picture().astype(int) for world in worlds)
     changed = np.argwhere(np.abs(cast - bare) > 8)
     middle = (changed.max(axis=0) + changed.min(axis=0)) / 2
-    expected = project_by_opencv(np.array([(12.0, -20.0, 90.0)]), lens)[0]
+    expected = project_by_opencv(np.array([(12.0, -20.0, 90.0)]), worlds[0].description.lens)[0]
     assert middle[::-1] == pytest.approx(expected, abs=1.0)
     height_px = float(np.ptp(changed[:, 0]))
     assert height_px == pytest.approx(12.0 * 1802.0 / (185.0 + 12.0), rel=0.03)
@@ -181,9 +215,3 @@ def test_a_marker_moves_with_the_target_and_is_covered_where_it_is_said_to_be() 
     assert find_ink(shown, 12.0) == pytest.approx(px, abs=1.0)
     insert(shown, 25.0)
     assert find_ink(shown, 25.0) is None
-
-
-def test_a_marker_that_its_dictionary_lacks_is_refused() -> None:
-    """The world names it when it is made."""
-    with pytest.raises(InputError, match="marker 50 is not in DICT_4X4_50, whose markers are 0 to 49"):
-        with_marker(marker_id=50)

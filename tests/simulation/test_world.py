@@ -31,8 +31,6 @@ from tests.simulation.benches import (
 
 ROOT = Path(__file__).parents[2]
 
-# Draws
-
 
 @pytest.mark.parametrize(("gelatin_percent", "mean", "sd"), [(10.0, 28.34, 0.247), (19.0, 27.13, 0.473)])
 def test_radii_have_the_paper_s_mean_and_spread(gelatin_percent: float, mean: float, sd: float) -> None:
@@ -91,15 +89,16 @@ GEL = {"gelatin_percent": 13, "radius_mean_mm": 27.0, "radius_sd_mm": 0.2}
         ({"needle": {"diameter_mm": 2.2}}, r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"),
         ({"layers": [{"until_mm": z, "radius_scale": 1} for z in (30, 20)]}, "20 mm follows 30 mm"),
         ({"disturbances": {"cavity_mm": [9.0, 4.0]}}, "must have the lower one first"),
+        (
+            {"markers": [{"marker_id": 50, "side_mm": 6, "position_mm": [-12, 25]}]},
+            "DICT_4X4_50, .* are 0 to 49",
+        ),
     ],
 )
-def test_a_world_that_cannot_be_is_refused(changes: dict[str, object], words: str) -> None:
+def test_a_world_that_cannot_be_is_refused(changes: dict[str, Any], words: str) -> None:
     """What does not fit is named with its limit."""
-    with pytest.raises(ValueError, match=words):
-        WorldDescription.model_validate_json(json.dumps(changes))
-
-
-# Hands and axes
+    with pytest.raises((ValueError, InputError), match=words):
+        before_gel(balls=(), **changes)
 
 
 def _session(seed: int) -> tuple[bytes, ...]:

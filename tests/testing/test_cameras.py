@@ -33,7 +33,7 @@ class TestUvc(CameraConformance):
     def open_camera(self) -> OpenedCamera:
         """Open one behind a fake device."""
         capture = FakeCapture(stamps=self.stamps)
-        return OpenedCamera(capture.open(), uvc_section(), capture.clock)
+        return OpenedCamera(capture.open()._source, uvc_section(), capture.clock)
 
 
 class TestUvcWithoutStamps(TestUvc):

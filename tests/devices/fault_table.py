@@ -225,7 +225,6 @@ SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "all nodes silent": dict.fromkeys(Phase, _SILENT_AT_REST) | {Phase.MOVING: _SILENT},
     "labrig stopped for 0.3 s": UNNOTICED,
     "labrig stopped for 0.8 s": _STOOD_STILL,
-    "labrig stopped for 3 s": _STOOD_STILL,
     "terminal closes": _aborts(InterruptedRunError, "interrupted by SIGHUP"),
     "terminal gone stale": dict.fromkeys(Phase, UNNOTICED)
     | {Phase.ASKING: _aborts(SafetyStopError, "before the operator answered")},

@@ -97,9 +97,6 @@ def test_request_codes_are_those_of_the_kernel() -> None:
     assert (GET_CONTROL, SET_CONTROL) == (0xC008561B, 0xC008561C)
 
 
-# The time of a picture of a USB camera: the kernel's if it can be trusted, else that of the call, with a bound
-
-
 PERIOD_S = 1 / 24
 
 

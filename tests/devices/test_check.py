@@ -35,6 +35,8 @@ def test_the_simulated_rig_is_in_order() -> None:
         assert results[name].status is PASS, results[name]
     assert "0x6007:00 = 1" in results["guards rotation"].value
     assert results["reference insertion"].status is WARN
+    unknown = _by_name(check_rig(simulated_rig("axes.linear.lead_mm=null")))["rig"]
+    assert (unknown.status, "axes.linear.lead_mm: unknown" in unknown.value) == (FAIL, True)
 
 
 @pytest.mark.parametrize(
@@ -77,21 +79,6 @@ def test_a_bench_without_bus_camera_or_figures_fails_line_by_line() -> None:
         assert result.solution or result.status is PASS
         for command in ("labrig run", "calibrate adopt", "devices home --axis"):
             assert command not in result.solution or f"--rig {BENCH}" in result.solution
-
-
-@pytest.mark.parametrize(
-    ("override", "check", "words"),
-    [
-        ("world.ignores=[exposure_us]", "camera", "exposure_us"),
-        ("axes.linear.lead_mm=null", "axes.linear.lead_mm", "unknown"),
-        ("axes.linear.lead_mm=null", "rig", "axes.linear.lead_mm: unknown"),
-    ],
-)
-def test_what_cannot_be_opened_fails_the_check(override: str, check: str, words: str) -> None:
-    """A camera that ignores a setting, and an entry that is missing."""
-    result = _by_name(check_rig(simulated_rig(override)))[check]
-    assert result.status is FAIL
-    assert words in result.value
 
 
 def test_a_needle_in_tissue_fails_the_check(tmp_path: Path) -> None:
@@ -160,8 +147,11 @@ def test_the_age_of_a_calibration_is_reported(tmp_path: Path) -> None:
     assert (unknown.status, unknown.value) == (WARN, "when it was made is not known")
 
 
-def test_currents_and_inputs_are_checked() -> None:
-    """Limits of rig file and drive are named; an open door is a warning, because no run begins."""
+def test_currents_inputs_and_camera_are_checked() -> None:
+    """Limits of rig file and drive are named; an open door is a warning, because no run begins.
+
+    A camera that ignores a setting fails.
+    """
     results = _by_name(
         check_rig(
             simulated_rig(
@@ -170,6 +160,7 @@ def test_currents_and_inputs_are_checked() -> None:
                 "axes.rotation.max_current_ma=800",
                 "axes.linear.max_current_ma=26000",
                 "faults=[{fault: input, axis: linear, source: general-A}]",
+                "world.ignores=[exposure_us]",
             )
         )
     )
@@ -179,6 +170,7 @@ def test_currents_and_inputs_are_checked() -> None:
         ("limits linear", FAIL, "has a limit of 25000, the rig file says max_current_ma 26000"),
         ("input force", PASS, "0 N at analog-1 of the drive of axis insertion, limits [-5, 5] N"),
         ("input door", WARN, "off"),
+        ("camera", FAIL, "exposure_us"),
     ):
         assert results[check].status is status
         assert words in results[check].value

@@ -18,11 +18,10 @@ from labrig.devices.drives.generic import DRIVE
 from labrig.devices.drives.objects import Place
 from labrig.devices.drives.states import ENABLE, HALT, NEW_SETPOINT, DriveState, decode_state
 from labrig.devices.input_channel import InputChannel
-from labrig.errors import DriveError, DriveFaultError, DriveRefusedError, InputError
+from labrig.errors import DriveError, DriveFaultError, InputError
 from tests.devices import epos2_places as od
 from tests.devices.eds_text import eds_text, entry, other_make, section_of
 from tests.devices.rigs import HEARTBEAT, OneDrive, one_drive
-from tests.devices.wire_faults import abort_next
 
 GUARDS = (0x6007, 0x603F, 0x605A, 0x605B, 0x605C, 0x605E, 0x6065, 0x6066, 0x607D, 0x607F, 0x6084, 0x6086)
 OPTIONAL = (0x1003, 0x1A02, 0x1802, 0x6061, 0x6099, 0x609A, 0x60A8, 0x60A9, 0x60AA, 0x60C5, 0x60FD, 0x6502)
@@ -171,14 +170,6 @@ def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
         with pytest.raises(DriveError, match=r"does not take quick_stop \(0x6085:00\) = 70000, only 1"):
             one.driver.download(co.QUICK_STOP_DECELERATION, 70_000)
         assert one.link.network.take_frames() == []
-
-
-def test_a_refusal_names_object_value_and_reason(epos2: OneDrive) -> None:
-    """What the drive refuses has the meaning of its SDO abort code."""
-    abort_next(epos2.wire, epos2.drive, 0x08000022)
-    words = r"profile velocity \(0x6081:00\) = 1: .*the present device state .*0x08000022"
-    with pytest.raises(DriveRefusedError, match=words):
-        epos2.driver.download(co.PROFILE_VELOCITY, 1)
 
 
 def test_a_stale_acknowledge_is_no_success(ready: OneDrive) -> None:

@@ -236,7 +236,7 @@ MOVE = st.tuples(
     st.sampled_from(("insertion", "rotation", "linear")),
     st.one_of(st.floats(), st.floats(-200, 200), st.sampled_from(EDGES)),
     st.one_of(st.floats(), st.floats(0.5, 20), st.just(20.0)),
-    st.floats(0, 30),
+    st.floats(0, 10),
 )
 
 

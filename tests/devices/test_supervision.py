@@ -187,9 +187,6 @@ def test_another_master_ends_an_exchange_with_drives() -> None:
         assert not any(drive.is_moving for drive in opened.drives.values())
 
 
-# Drives that do not answer, or are in fault
-
-
 @contextmanager
 def _moving() -> Iterator[OpenedRig]:
     """Yield a rig whose insertion axis moves, with the needle in tissue."""

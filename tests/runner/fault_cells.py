@@ -349,7 +349,6 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "all nodes silent": _silence_all,
     "labrig stopped for 0.3 s": _hang(0.3),
     "labrig stopped for 0.8 s": _hang(0.8),
-    "labrig stopped for 3 s": _hang(3.0),
     "terminal closes": lambda cell: setattr(cell.signal, "name", "SIGHUP"),
     "terminal gone stale": lambda cell: setattr(cell, "terminal_is_open", False),
     "target changed in the drive": _change_target,

@@ -143,14 +143,14 @@ def test_a_bevel_that_lags_leads_out_of_the_plane(
 
 
 def draw_paths(**changes: object) -> list[Unevenness]:
-    """Return what disturbances of one kind only do to 200 paths."""
+    """Return what disturbances of one kind only do to a hundred paths."""
     none = {"heading_deg_per_root_mm": 0.0, "curvature_fraction": 0.0}
     description = DisturbancesDescription.model_validate({**none, **changes})
-    return [draw_unevenness(description, np.random.default_rng(seed)) for seed in range(200)]
+    return [draw_unevenness(description, np.random.default_rng(seed)) for seed in range(100)]
 
 
 def test_heading_and_curvature_wander_as_described() -> None:
-    """Over 200 paths: 0.3 degrees of heading after 1 mm and 3 degrees after 100 mm.
+    """Over a hundred paths: 0.3 degrees of heading after 1 mm and 3 degrees after 100 mm.
 
     The curvature's share has the given spread about its mean, and a correlation of 1/e after the given length.
     """

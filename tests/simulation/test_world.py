@@ -103,7 +103,8 @@ def test_a_world_that_cannot_be_is_refused(changes: dict[str, Any], words: str) 
 
 def _session(seed: int) -> tuple[bytes, ...]:
     """Return the pictures of a short session."""
-    world, pictures = bench(WorldDescription(), seed), list[bytes]()
+    description = WorldDescription.model_validate_json(json.dumps({"lens": SMALL_LENS}))
+    world, pictures = bench(description, seed), list[bytes]()
     for act in (
         lambda: insert(world, 20.0), lambda: withdraw(world), lambda: world.shift_to_hole("A", 1, 45.0),
         lambda: world.lay_graph_paper(1.0), lambda: world.hold_board(0, 9, 6, 25.0),
@@ -192,9 +193,6 @@ def test_what_no_gel_has_is_refused() -> None:
     for percent in (9.9, 19.1):
         with pytest.raises(InputError, match=rf"{percent:g} % .* 10 to 19 %"):
             World(QUIET, 1).place_specimen("A", percent)
-
-
-# Phantoms
 
 
 BALLS = (Ball((0.0, 10.0, 34.0), 6.0), Ball((0.0, -12.0, 68.0), 6.0))

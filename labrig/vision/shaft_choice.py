@@ -20,6 +20,8 @@ _RIVAL_MM, _RIVAL_STRENGTH = 8.0, 0.4
 # A bar is a wall if it is off a straight line by at most this share of its length, and ends this close to the border on
 # both sides.
 _STRAIGHT, _AT_BORDER_MM = 0.02, 3.0
+# A shaft's own level is the darkest of its middle and of the places so many widths to either side of it.
+_CORE = 0.3
 # The weaker side of a shaft has this share of the contrast of the stronger one.
 _LEAST_SIDE = 0.4
 
@@ -88,7 +90,10 @@ def _may_be_shaft(trace: Trace, picture: Picture, widths: Widths) -> bool:
     tangents = np.gradient(points, axis=0)
     normals = np.column_stack((-tangents[:, 1], tangents[:, 0])) / np.hypot(*tangents.T)[:, None]
     away_px = 0.5 * widths.widest_px + widths.needle_px
-    core, *sides = (_read_level(picture, points + side * away_px * normals) for side in (0.0, -1.0, 1.0))
+    aside_px = _CORE * widths.needle_px
+    # A glint may lie along the middle.
+    core = min(_read_level(picture, points + across * normals) for across in (-aside_px, 0.0, aside_px))
+    sides = [_read_level(picture, points + across * normals) for across in (-away_px, away_px)]
     return min(sides) - core >= _LEAST_SIDE * (max(sides) - core) > 0.0
 
 

@@ -45,6 +45,14 @@ def test_a_bubble_at_the_end_moves_nothing() -> None:
     assert measure_sheath(image, PLANE, 2.0).tip_mm == pytest.approx((0.0, 0.0), abs=0.1)
 
 
+def test_a_glint_along_the_middle_refuses_nothing() -> None:
+    """A stripe of 0.5 mm as bright as the gel along the whole middle: the tip is found as without it."""
+    image = sheath().take(1, bubbles=0)
+    from_uv, to_uv = np.rint(PLANE.to_px(np.array([[0.0, -40.0], [0.0, -0.05]]))).astype(int)
+    cv2.line(image, from_uv.tolist(), to_uv.tolist(), 150, round(0.5 / PLANE.mm_per_px), cv2.LINE_AA)
+    assert measure_sheath(image, PLANE, 2.0).tip_mm == pytest.approx((0.0, 0.0), abs=0.05)
+
+
 def test_heading_is_measured_after_the_needle_is_out() -> None:
     """The sheath behind the step of width still shows its heading; without a sheath there is no heading."""
     image = Gel(Needle(heading_rad=-0.03)).take(2)

@@ -20,7 +20,7 @@ from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import load_rig
 from labrig.errors import LabrigError
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.insertion.scenario import load_scenario, make_problem
+from labrig.library.scenario import load_scenario, make_problem
 from labrig.protocol.design_file import load_design
 from labrig.protocol.load import load_protocol
 from labrig.protocol.specimen_file import load_specimen

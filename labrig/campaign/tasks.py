@@ -20,8 +20,7 @@ from labrig.campaign.campaign_file import CampaignFile, load_campaign_file, show
 from labrig.campaign.whole_run import run_whole
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import FileFormatError, InputError, LabrigError, Problem, WorkersError
-from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.registry import find_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.library.names import find_rig_file
 from labrig.library.sources import fit_rig, load_rig_for, split_overrides
 from labrig.protocol.load import load_protocol

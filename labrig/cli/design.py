@@ -20,9 +20,9 @@ def design(
     files of a run of protocols/design.yaml.
     """
     from labrig.cli.finished_run import print_summary
+    from labrig.experiments.hinge_design.analysis import study_design
     from labrig.experiments.hinge_design.protocol import DesignProtocol
-    from labrig.experiments.hinge_design.study import study_design
-    from labrig.experiments.hinge_design.summary import summarise
+    from labrig.experiments.hinge_design.result import summarise
     from labrig.needle.rotation_search import DEFAULT_SEED
 
     order = DesignProtocol.model_construct(

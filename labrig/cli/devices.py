@@ -135,7 +135,7 @@ def home(
     """Home the linear module first."""
     from labrig.devices.homing import HOME_ORDER
     from labrig.devices.rig_file import load_rig
-    from labrig.runner.commissioning import home_axes
+    from labrig.library.commissioning import home_axes
 
     chosen = tuple(axis or HOME_ORDER)
     for name, description in load_rig(find_rig_file(rig)).axes.items():
@@ -159,7 +159,7 @@ def jog(
     current_ma: CurrentOption = _GENTLE_MA,
 ) -> int:
     """Compare it with a ruler: a wrong direction is `reversed`, a wrong distance `lead_mm` or `gear_ratio`."""
-    from labrig.runner import commissioning
+    from labrig.library import commissioning
 
     with _open_axes(rig, (axis,), current_ma, "labrig devices jog") as opened:
         far = commissioning.USUAL_DISTANCE[opened.axis(axis).unit] if distance is None else distance

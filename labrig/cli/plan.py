@@ -19,7 +19,7 @@ def plan(
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
     from labrig.devices.clocks import SystemClock
-    from labrig.experiments.insertion.scenario import load_scenario, make_problem
+    from labrig.library.scenario import load_scenario, make_problem
     from labrig.steering.planner import plan_path
 
     if figure is not None:  # refused before anything is planned

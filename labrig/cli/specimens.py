@@ -49,7 +49,7 @@ def _list() -> None:
 
 def _show(name: str) -> None:
     """Print the file of a specimen, and its tracks."""
-    from labrig.experiments.specimen_tracks import find_tracks
+    from labrig.library.specimens import find_tracks
     from labrig.protocol.specimen_file import load_specimen
 
     specimen, sha256 = load_specimen(name)

@@ -46,9 +46,6 @@ class ProtocolModels(Mapping[str, type[ExperimentProtocol]]):
     def __len__(self) -> int:
         return len(find_plugins(EXPERIMENTS))
 
-    def __contains__(self, name: object) -> bool:
-        return name in find_plugins(EXPERIMENTS)
-
 
 PROTOCOL_MODELS = ProtocolModels()
 """Of every experiment that is installed."""

@@ -9,15 +9,6 @@ from labrig.record.reader import Run
 from labrig.report.view import View
 from labrig.runner.experiment import Experiment
 
-__all__ = [
-    "find_experiment",
-    "find_run_experiment",
-    "follow_run",
-    "load_run_protocol",
-    "load_run_result",
-    "make_run_view",
-]
-
 
 def find_run_experiment(run: Run) -> Experiment:
     """Return the experiment of a run; for a withdrawal, that of the run whose needle it withdrew.
@@ -67,9 +58,7 @@ def make_run_view(run: Run) -> View:
         When the result is damaged.
     """
     experiment, result = find_run_experiment(run), load_run_result(run)
-    view: View = (
-        experiment.part("follow")(run) if result is None else experiment.part("make_view")(run, result)
-    )
+    view: View = experiment.part("make_view")(run, result) if result is not None else follow_run(run)
     return view
 
 

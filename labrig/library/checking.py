@@ -10,7 +10,7 @@ from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import require_free_bytes
 from labrig.errors import DiskError, Problem
-from labrig.experiments.registry import find_experiment
+from labrig.experiments.declared import find_experiment
 from labrig.library.sources import Sources
 from labrig.library.specimens import prepare_specimens
 from labrig.runner.dry_run import plan_run

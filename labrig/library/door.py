@@ -20,12 +20,8 @@ from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run, analyze_runs, name_damage
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError, RecordError
-from labrig.experiments.registry import (
-    find_experiment,
-    find_run_experiment,
-    load_run_protocol,
-    load_run_result,
-)
+from labrig.experiments.declared import find_experiment
+from labrig.experiments.registry import find_run_experiment, load_run_protocol, load_run_result
 from labrig.lab import choose_runs_dir
 from labrig.library.checking import Checked, check_sources
 from labrig.library.names import require_run_folder

@@ -8,8 +8,7 @@ from typing import Any, Self
 
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import FileFormatError, InputError
-from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.registry import find_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.lab import find_lab_folder
 from labrig.library.names import find_protocol_file, find_rig_file
 from labrig.protocol.load import load_protocol

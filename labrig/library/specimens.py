@@ -1,16 +1,27 @@
 """The specimens of a protocol before a run: the tracks that are in them, and whether they are of an age to be used."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.rig_file import RigDescription
-from labrig.errors import FileFormatError, Problem
-from labrig.experiments.specimen_tracks import find_tracks
+from labrig.errors import FileFormatError, LabrigError, Problem, RecordError
+from labrig.experiments.registry import load_run_protocol
+from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.specimen_file import MOST_TRACKS, SpecimenSection, TracksBySpecimen
+from labrig.protocol.specimen_file import (
+    MOST_TRACKS,
+    SpecimenFile,
+    SpecimenSection,
+    SpecimenTrack,
+    TracksBySpecimen,
+)
+from labrig.record.catalogue import list_runs
+from labrig.record.condition import BLOCK_NAME
+from labrig.record.layout import COPY_HINT, is_simulated
+from labrig.record.reader import Run, open_run
 
 
 @dataclass(frozen=True)
@@ -99,3 +110,80 @@ def _judge_age(where: str, section: SpecimenSection, now: datetime) -> tuple[Pro
         message = f"{name} is {age_h:.1f} h old, and cures for {cured_for_h:g} h by its file"
         return Problem(where, message, f"wait {cured_for_h - age_h:.1f} h more"), True
     return None, False
+
+
+@dataclass(frozen=True)
+class FoundTracks:
+    """The tracks in each specimen, in order of time, and the runs whose tracks are not known, with the reason."""
+
+    tracks: TracksBySpecimen
+    unread: tuple[Problem, ...] = ()
+
+
+def find_tracks(runs_dir: Path, names: Collection[str], *, simulated: bool) -> FoundTracks:
+    """Return the tracks that the runs of a folder left in specimens.
+
+    Parameters
+    ----------
+    names : collection of str
+        The specimens.
+    simulated : bool
+        Whether the tracks of simulated runs are asked for, which are in no block of gel, or those of all other runs.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be read.
+    """
+    found: dict[str, list[SpecimenTrack]] = {name: [] for name in names}
+    unread = []
+    if found:
+        condition = " or ".join(f'{BLOCK_NAME}="{name}"' for name in found)
+        for path in [summary.run for summary in reversed(list_runs(runs_dir, condition))]:
+            try:
+                left = _list_tracks(path, simulated)
+            except LabrigError as error:
+                unread.append(Problem(str(path), error.message, error.hint))
+                continue
+            for name in found.keys() & left.keys():
+                found[name] += left[name]
+    return FoundTracks({name: tuple(tracks) for name, tracks in found.items()}, tuple(unread))
+
+
+def _list_tracks(path: Path, simulated: bool) -> TracksBySpecimen:
+    """Return the tracks that a run left in blocks with a specimen file, in order of time.
+
+    Insertions that were broken off, or that a person had left out, have left a track too.
+    """
+    run = open_run(path)
+    if is_simulated(run.manifest) != simulated:
+        return {}
+    protocol = load_run_protocol(run)
+    blocks = {gel.name: gel.block for gel in protocol.gels.values() if gel.block is not None}
+    sheath_mm = None if protocol.pictured_needle is None else protocol.pictured_needle.sheath_diameter_mm
+    starts = run.read_events(SpecimenTrialStart) if blocks else ()
+    return {
+        name: tuple(
+            SpecimenTrack(
+                run=run.path.name,
+                trial=start.trial,
+                hole=start.hole,
+                hole_position_mm=start.hole_position_mm,
+                needle_id=start.needle_id,
+                sheath_diameter_mm=sheath_mm,
+                age_h=_find_age_h(run, block, start.t_s),
+            )
+            for start in starts
+            if start.specimen == name
+        )
+        for name, block in blocks.items()
+        if sheath_mm is not None
+    }
+
+
+def _find_age_h(run: Run, specimen: SpecimenFile, t_s: float) -> float:
+    """Return the age of a specimen at a rig time of a run [h], rounded to seconds. Raises `RecordError`."""
+    moment = run.find_moment(t_s)
+    if moment is None:
+        raise RecordError(f"{run.path} does not say when it began", COPY_HINT)
+    return round(specimen.find_age_h(moment), 4)

@@ -1,7 +1,6 @@
 """Figure 3 on our own contour: rotations on a grid of clearance and inclination, the fitted plane, and a design."""
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,8 +18,6 @@ _LOWEST_SHARE, _HIGHEST_SHARE = 0.4, 1.6
 _STEPS = 4
 _CLOSE_ENOUGH_DEG = 0.005
 _SMALLER = "ask for a smaller radius, or cut with a smaller clearance"
-
-Progress = Callable[[int, int], None]
 
 
 def design_by_equations(tube: Tube, radius_mm: float, clearance_mm: float) -> Hinge:
@@ -49,32 +46,6 @@ def make_hinge_grid(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) 
     clearances_mm = np.linspace(thinnest_mm, widest_mm, points)
     cuts_deg = np.linspace(0.0, STEEPEST_CUT_DEG, points)
     return tuple(Hinge(tube, float(d), float(cut)) for d in clearances_mm for cut in cuts_deg)
-
-
-def search_grid(
-    hinges: Sequence[Hinge],
-    do: Callable[[Callable[[Hinge], GridPoint], Sequence[Hinge]], Iterable[GridPoint]] = map,
-    progress: Progress | None = None,
-    seed: int = DEFAULT_SEED,
-) -> tuple[GridPoint, ...]:
-    """Search the rotations of every hinge; the result does not depend on who does it.
-
-    Parameters
-    ----------
-    hinges : sequence of Hinge
-    do : callable
-        Does the searches in any process, and gives their answers in order, as `map` does here.
-    progress : callable or None
-        Called with the number of finished hinges and the number of all.
-    seed : int
-        Of every search.
-    """
-    cells: list[GridPoint] = []
-    for cell in do(partial(search_rotations, seed=seed), hinges):
-        cells.append(cell)
-        if progress is not None:
-            progress(len(cells), len(hinges))
-    return tuple(cells)
 
 
 def fit_plane(cells: Sequence[GridPoint]) -> RotationPlane:

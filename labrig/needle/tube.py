@@ -15,5 +15,9 @@ class PaperNeedle:
     beta_cut_deg: float
     beta_rot_deg: float
 
+    def is_asked(self, tube: Tube, clearance_mm: float, radius_mm: float) -> bool:
+        """Return whether this is the needle that is asked for."""
+        return (tube, clearance_mm, radius_mm) == (self.tube, self.clearance_mm, self.radius_mm)
+
 
 TABLE_1 = PaperNeedle(PAPER_TUBE, clearance_mm=0.025, radius_mm=30.0, beta_cut_deg=4.13, beta_rot_deg=11.46)

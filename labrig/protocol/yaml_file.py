@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from ruamel.yaml import YAML
-from ruamel.yaml.nodes import ScalarNode, SequenceNode
+from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.representer import SafeRepresenter
 
 from labrig.errors import FileFormatError, InputError
@@ -143,12 +143,7 @@ def dump_yaml(model: Model) -> str:
 
 
 class _Representer(SafeRepresenter):
-    """Writes points on one line, and text with line breaks or control characters in double quotes, which keep them."""
-
-    def represent_points(self, values: list[object]) -> SequenceNode:
-        """Return the node of a list; one of points, such as a path, is written without a line for each number."""
-        are_points = bool(values) and all(isinstance(point, list) and _are_numbers(point) for point in values)
-        return self.represent_sequence("tag:yaml.org,2002:seq", values, flow_style=are_points or None)
+    """Writes text with line breaks or control characters in double quotes, which keep them."""
 
     def represent_text(self, text: str) -> ScalarNode:
         """Return the node of a text."""
@@ -156,9 +151,4 @@ class _Representer(SafeRepresenter):
         return self.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 
-def _are_numbers(values: list[object]) -> bool:
-    return all(isinstance(value, int | float) for value in values)
-
-
-_Representer.add_representer(list, _Representer.represent_points)
 _Representer.add_representer(str, _Representer.represent_text)

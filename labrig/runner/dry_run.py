@@ -5,7 +5,7 @@ is that of the rig file, or, for a bench, an ideal one with the stated noise of 
 answer. A run of many trials is planned from the first of them: the others are taken to be like these.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from labrig.analysis.experiment import TaskOutcome
 from labrig.devices.needle_state import NEW, NeedleState
@@ -46,21 +46,20 @@ class _EnoughError(Exception):
 
 
 class _Watch(EventList):
-    """Ends a dry run before a trial when there are enough."""
+    """Ends a dry run before a trial when there are enough, and keeps what speaks against the run."""
 
-    calls = trials = 0
-
-    def __init__(self) -> None:
+    def __init__(self, unfit: Iterable[Problem]) -> None:
         super().__init__()
-        self.unfit: list[Problem] = []
+        self.unfit = list(unfit)
+
+    def count(self, *kinds: type[Event]) -> int:
+        """Return how many events are of these kinds."""
+        return sum(isinstance(event, kinds) for event in self.events)
 
     def record_event(self, event: Event, t_s: float) -> None:
         """Keep an event."""
-        self.calls += isinstance(event, Move | OperatorQuestion)
-        if isinstance(event, TrialStart):
-            if self.calls + self.frames > ENOUGH_CALLS:
-                raise _EnoughError
-            self.trials += 1
+        if isinstance(event, TrialStart) and self.count(Move, OperatorQuestion) + self.frames > ENOUGH_CALLS:
+            raise _EnoughError
         super().record_event(event, t_s)
 
 
@@ -95,8 +94,7 @@ def plan_run(
     """Return the plan of a run on a rig, or of what is left of one; the rig is None for a protocol that moves none."""
     if rig is None:
         return RunPlan(problems=tuple(experiment.part("find_problems")(protocol)))
-    record = _Watch()
-    record.unfit += find_rig_problems(protocol, rig)
+    record = _Watch(find_rig_problems(protocol, rig))
     try:
         session, virtual = _open_session(protocol, rig, record, protocol.seed)
     except InputError as error:
@@ -204,10 +202,10 @@ def _describe(
     rig: RigDescription, dialogue: Dialogue, virtual: VirtualRig, record: _Watch, outcome: Outcome
 ) -> RunPlan:
     """Return the plan that a dry run tells."""
-    events = record.events
-    questions = [event for event in events if isinstance(event, OperatorQuestion)]
-    trials = max(dialogue.planned - dialogue.past.kept, record.trials)
-    share = trials / record.trials if record.trials else 1.0
+    questions = [event for event in record.events if isinstance(event, OperatorQuestion)]
+    begun = record.count(TrialStart)
+    trials = max(dialogue.planned - dialogue.past.kept, begun)
+    share = trials / begun if begun else 1.0
     problems = [*record.unfit, *virtual.refused.values()]
     error = outcome.error
     uncalibrated = find_calibration_problems(rig) if record.sights else ()
@@ -225,7 +223,7 @@ def _describe(
     return RunPlan(
         trials=trials,
         duration_s=share * virtual.clock.now_s(),
-        moves=round(share * sum(isinstance(event, Move) for event in events)),
+        moves=round(share * record.count(Move)),
         pictures=round(share * (record.frames - record.drawn)),
         operator_steps=round(share * len(questions)),
         problems=tuple(problems),

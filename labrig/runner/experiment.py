@@ -58,24 +58,20 @@ class RunPlan:
         return float(self.moves + self.pictures + self.operator_steps)
 
 
-PLACES: Mapping[str, tuple[str, ...]] = {
-    "Protocol": ("protocol",),
-    "run": ("procedure",),
-    "measure": ("analysis",),
-    "UNITS": ("analysis",),
-    "conclude": ("analysis",),
-    "analyze": ("analysis", "study"),
-    "RunResult": ("result",),
-    "summarise": ("summary", "result", "page"),
-    "TEMPLATE": ("page",),
-    "make_page": ("page",),
-    "make_films": ("page",),
-    "make_view": ("view",),
-    "follow": ("view",),
-    "find_problems": ("protocol", "study"),
-    "tell_values": ("virtual",),
+PLACES: Mapping[str, str] = {
+    name: place
+    for place, names in (
+        ("protocol", "Protocol"),
+        ("procedure", "run"),
+        ("analysis", "measure UNITS conclude analyze find_problems"),
+        ("result", "RunResult summarise"),
+        ("page", "TEMPLATE make_page make_films"),
+        ("view", "make_view follow"),
+        ("virtual", "tell_values"),
+    )
+    for name in names.split()
 }
-"""Part of an experiment -> the modules of its package in which it may stand; a small one is a single module.
+"""Part of an experiment -> the module of its package in which it stands; a small one is a single module.
 
 `find_problems(protocol)` says why a protocol that moves no rig cannot be run; `tell_values(events, truths)` tells the
 quantities of a virtual run. `TEMPLATE` has the words of the page, `make_page(run, protocol, result)` what is drawn;
@@ -138,7 +134,7 @@ class Experiment(MeasuredExperiment):
         if found is None and name in _DEFAULTS:
             module, attribute = _DEFAULTS[name]
             found = getattr(import_module(module), attribute)
-            return partial(found, self) if name in _OF_EXPERIMENT else found
+            return partial(found, self) if name == "analyze" else found
         if found is None:
             raise InputError(f"the experiment {self.name} has no {name}", "it cannot do this")
         return found
@@ -146,7 +142,8 @@ class Experiment(MeasuredExperiment):
     def blame(self, error: Exception) -> PluginError:
         """Return an error that its parts have raised, with file and line."""
         frames = traceback.extract_tb(error.__traceback__)
-        root = (_find_spec(self.module.partition(".")[0]) or "").removesuffix("__init__.py")
+        package = find_spec(self.module.partition(".")[0])
+        root = "" if package is None else (package.origin or "").removesuffix("__init__.py")
         own = [frame for frame in frames if root and frame.filename.startswith(root)] or list(frames)
         where = f", in {own[-1].filename}, line {own[-1].lineno}" if own else ""
         return PluginError(
@@ -198,18 +195,9 @@ class Experiment(MeasuredExperiment):
 @cache
 def _find_part(module: str, name: str) -> Any:
     """Return a part of the experiment in a module or package; None without it."""
-    home = import_module(module)
-    for place in PLACES[name] if hasattr(home, "__path__") else ():
-        if find_spec(f"{module}.{place}") is not None:
-            found = getattr(import_module(f"{module}.{place}"), name, None)
-            if found is not None:
-                return found
-    return getattr(home, name, None)
-
-
-def _find_spec(package: str) -> str | None:
-    spec = find_spec(package)
-    return None if spec is None else spec.origin
+    place = f"{module}.{PLACES[name]}"
+    is_package = hasattr(import_module(module), "__path__") and find_spec(place) is not None
+    return getattr(import_module(place if is_package else module), name, None)
 
 
 _DEFAULTS: Mapping[str, tuple[str, str]] = {
@@ -222,6 +210,3 @@ _DEFAULTS: Mapping[str, tuple[str, str]] = {
     "follow": ("labrig.report.view", "follow_record_alone"),
 }
 """Part -> module and name of what stands in its place."""
-
-_OF_EXPERIMENT = ("analyze",)
-"""Defaults that ask the experiment for its other parts."""

@@ -216,9 +216,7 @@ class Session:
 
     def stands_at_start(self) -> bool:
         """Return whether every axis has kept its reference, and needle and sheath stand where an insertion begins."""
-        if not self.is_referenced:
-            return False
-        return _stands_at_start(self.read_states())
+        return self.is_referenced and _stands_at_start(self.read_states())
 
     # What a procedure says
 

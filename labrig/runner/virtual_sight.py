@@ -2,8 +2,8 @@
 
 A place is seen where the world's lens shows it, and read by the map of the plane that the rig was calibrated with, as
 from a picture. What else is off in pictures is drawn: `SightingErrors` and `ShaftErrors`, which were fitted to runs
-of one rig, calibration/rig-simulated.yaml, with its light, noise and template. What they say of reading a picture grows
-with the mm per pixel of a rig; that another camera, light or template is as good as that one is not known.
+of one rig, calibration/rig-simulated.yaml, with its light, noise and template (0.1053 mm per px). What they say of
+reading a picture is in pixels; that another camera, light or template is as good as that one is not known.
 
 Along a shaft the error of the width is an Ornstein-Uhlenbeck process; besides, the needle tapers, and looks wider
 towards the rim of the picture, and length and end are off.
@@ -11,9 +11,8 @@ towards the rim of the picture, and length and end are off.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
-from typing import TypeVar
 
 import numpy as np
 
@@ -39,11 +38,6 @@ from labrig.vision.shaft_tip import ShaftTip
 from labrig.vision.sheath import SheathPose
 from labrig.vision.tip import TipFix, is_off_rim
 
-_Errors = TypeVar("_Errors", "SightingErrors", "ShaftErrors")
-
-FITTED_MM_PER_PX = 0.1053
-"""Scale of the rig that the errors were fitted to."""
-
 
 @dataclass(frozen=True)
 class SightingErrors:
@@ -57,9 +51,9 @@ class SightingErrors:
 
     Attributes
     ----------
-    along_mm, along_sd_mm, across_mm, across_sd_mm : float
+    along_px, along_sd_px, across_px, across_sd_px : float
         Mean and standard deviation of the tip's place by its template, along the needle and to its left.
-    rim_mm : float
+    rim_px : float
         What is added along `RIM_MM` from the camera's foot; this grows with the squared distance.
     fresh_share, correlated_mm : float
         Share of these variances that is drawn anew in each picture, and length over which the rest decays to 1/e.
@@ -71,20 +65,20 @@ class SightingErrors:
         Share of pictures in which the tip is not found.
     hidden_mm, hidden_share : float
         Length of needle below which the sheath hides the tip, and the share of pictures in which it does.
-    sheath_along_mm, sheath_sd_mm, sheath_sd_rad : float
+    sheath_along_px, sheath_sd_px, sheath_sd_rad : float
         Mean error of the sheath's end along it, the standard deviation along each axis, and that of the heading.
-    bend_mm, bend_sd_mm : float
+    bend_px, bend_sd_px : float
         Of the end of a shaft bent to one side as in the search for the roll zero: mean towards that side, and standard
         deviation across.
     marker_sd_px : float
         Standard deviation of a marker's corner along each axis, common to its corners.
     """
 
-    along_mm: float = 0.038
-    along_sd_mm: float = 0.0122
-    across_mm: float = -0.007
-    across_sd_mm: float = 0.0066
-    rim_mm: float = 0.026
+    along_px: float = 0.361
+    along_sd_px: float = 0.116
+    across_px: float = -0.0665
+    across_sd_px: float = 0.0627
+    rim_px: float = 0.247
     fresh_share: float = 0.5
     correlated_mm: float = 5.0
     side_mm: float = 0.046
@@ -92,11 +86,11 @@ class SightingErrors:
     missed_share: float = 0.001
     hidden_mm: float = 1.0
     hidden_share: float = 0.58
-    sheath_along_mm: float = 0.006
-    sheath_sd_mm: float = 0.008
+    sheath_along_px: float = 0.057
+    sheath_sd_px: float = 0.076
     sheath_sd_rad: float = 0.0008
-    bend_mm: float = 0.042
-    bend_sd_mm: float = 0.028
+    bend_px: float = 0.399
+    bend_sd_px: float = 0.266
     marker_sd_px: float = 0.05
 
 
@@ -127,15 +121,15 @@ class ShaftErrors:
         Standard deviation of the change of width from end to end that is not depth, as a share of it.
     rim : float
         By how much it looks wider `RIM_MM` from the camera's foot, as a share; this grows with the squared distance.
-    length_mm, length_sd_mm : float
+    length_px, length_sd_px : float
         Of the seen length.
-    ends_since_mm, ends_along_mm, ends_across_mm : tuple of float
+    ends_since_mm, ends_along_px, ends_across_px : tuple of float
         Lengths inserted since the bevel was turned, and the mean error of the end there: along the needle, and towards
         the side to which it bends, interpolated in between: a parabola that is fitted to the last stretch does not
         follow a bend that swings over.
-    along_sd_mm, across_sd_mm : float
+    along_sd_px, across_sd_px : float
         Standard deviations about that.
-    told_mm : float
+    told_px : float
         Standard deviation of the end's place along each axis, as the picture tells it.
     """
 
@@ -144,31 +138,14 @@ class ShaftErrors:
     correlated_mm: float = 1.27
     taper_sd: float = 0.003
     rim: float = 0.006
-    length_mm: float = 0.047
-    length_sd_mm: float = 0.085
+    length_px: float = 0.446
+    length_sd_px: float = 0.807
     ends_since_mm: tuple[float, ...] = (3.0, 5.4, 6.5, 8.0, 10.0)
-    ends_along_mm: tuple[float, ...] = (-0.16, -0.07, 0.01, 0.05, 0.03)
-    ends_across_mm: tuple[float, ...] = (-0.075, 0.010, 0.020, 0.045, 0.030)
-    along_sd_mm: float = 0.045
-    across_sd_mm: float = 0.015
-    told_mm: float = 0.066
-
-
-SHAFT_ERRORS = ShaftErrors()
-
-_GROWS = (
-    "along_mm", "along_sd_mm", "across_mm", "across_sd_mm", "rim_mm", "sheath_along_mm", "sheath_sd_mm", "bend_mm",
-    "bend_sd_mm", "length_mm", "length_sd_mm", "told_mm", "ends_along_mm", "ends_across_mm",
-)  # fmt: skip
-"""What grows with the mm per pixel; how a tip bends and what hides it does not."""
-
-
-def _scale(errors: _Errors, factor: float) -> _Errors:
-    """Return errors where a pixel shows so much more."""
-    grown = {
-        name: np.multiply(factor, value).tolist() for name, value in vars(errors).items() if name in _GROWS
-    }
-    return replace(errors, **grown)
+    ends_along_px: tuple[float, ...] = (-1.52, -0.665, 0.095, 0.475, 0.285)
+    ends_across_px: tuple[float, ...] = (-0.712, 0.095, 0.19, 0.427, 0.285)
+    along_sd_px: float = 0.427
+    across_sd_px: float = 0.142
+    told_px: float = 0.627
 
 
 def measure_arcs(places_mm: FloatArray) -> FloatArray:
@@ -183,11 +160,9 @@ def draw_shaft(
     diameter_mm: float,
     since_turn_mm: float,
     noise: np.random.Generator,
-    *,
-    errors: ShaftErrors = SHAFT_ERRORS,
 ) -> ShaftTip:
     """Return a shaft as measured in a picture: `seen` are the places (N, 2) of its path and their scales (N,)."""
-    path_mm, scales = seen
+    (path_mm, scales), errors, px_mm = seen, ShaftErrors(), plane.mm_per_px
     arcs_mm = measure_arcs(path_mm)
     at_mm = np.arange(0.0, arcs_mm[-1], _ROW_MM)
     places_mm = np.column_stack([np.interp(at_mm, arcs_mm, line) for line in path_mm.T])
@@ -197,14 +172,14 @@ def draw_shaft(
         + _draw_rough(len(at_mm), noise, errors)
     )
     widths_mm = diameter_mm * np.interp(at_mm, arcs_mm, scales) * (1.0 + wider)
-    length_mm = float(arcs_mm[-1]) + noise.normal(errors.length_mm, errors.length_sd_mm)
+    length_mm = float(arcs_mm[-1]) + px_mm * noise.normal(errors.length_px, errors.length_sd_px)
     headings_rad = np.arctan2(*np.diff(path_mm[-_END_POINTS:], axis=0).T)
-    means_mm = [
+    means_px = [
         float(np.interp(since_turn_mm, errors.ends_since_mm, means))
-        for means in (errors.ends_along_mm, errors.ends_across_mm)
+        for means in (errors.ends_along_px, errors.ends_across_px)
     ]
-    means_mm[1] *= math.copysign(1.0, headings_rad[-1] - headings_rad[0])
-    along_mm, across_mm = noise.normal(means_mm, (errors.along_sd_mm, errors.across_sd_mm))
+    means_px[1] *= math.copysign(1.0, headings_rad[-1] - headings_rad[0])
+    along_mm, across_mm = px_mm * noise.normal(means_px, (errors.along_sd_px, errors.across_sd_px))
     tip_mm = _step_off(path_mm[-1], float(headings_rad[-1]), along_mm, across_mm)
     u, v = plane.to_px([tip_mm])[0].tolist()
     return ShaftTip(
@@ -212,11 +187,11 @@ def draw_shaft(
         tip_mm=tip_mm,
         heading_rad=float(headings_rad[-1]),
         length_mm=length_mm,
-        width_px=float(np.median(widths_mm)) / plane.mm_per_px,
+        width_px=float(np.median(widths_mm)) / px_mm,
         centre_line_mm=places_mm,
         arc_mm=at_mm * (length_mm / arcs_mm[-1]),
         widths_mm=widths_mm,
-        errors=PlaceErrors(fit_mm=errors.told_mm),
+        errors=PlaceErrors(fit_mm=px_mm * errors.told_px),
     )
 
 
@@ -248,8 +223,7 @@ class WorldSight(Sight):
     lens: LensDescription | None
 
     def __post_init__(self) -> None:
-        factor = self.plane.mm_per_px / FITTED_MM_PER_PX
-        self.errors, self.shaft_errors = _scale(SightingErrors(), factor), _scale(SHAFT_ERRORS, factor)
+        self.errors, self._px_mm = SightingErrors(), self.plane.mm_per_px
         self._scatter, self._arc_mm = self.noise.standard_normal(2), 0.0
         self._perspective = Perspective.of(self.plane)
 
@@ -283,11 +257,11 @@ class WorldSight(Sight):
         if self.plane.image_size is not None and not is_off_rim(u, v, self.plane.image_size):
             return None
         turn_rad, side = node.heading_rad - before.heading_rad, -math.cos(base_rad)
-        along_mm = errors.along_mm + errors.along_sd_mm * along
-        along_mm += errors.rim_mm * float(square_distances(seen_mm, self._perspective)[0])
-        across_mm = errors.across_mm + errors.across_sd_mm * across
+        along_px = errors.along_px + errors.along_sd_px * along
+        along_px += errors.rim_px * float(square_distances(seen_mm, self._perspective)[0])
+        across_mm = self._px_mm * (errors.across_px + errors.across_sd_px * across)
         across_mm += errors.side_mm * side - errors.turn_mm * turn_rad
-        return np.array((0.0, *_step_off(seen_mm[0], node.heading_rad, along_mm, across_mm)))
+        return np.array((0.0, *_step_off(seen_mm[0], node.heading_rad, self._px_mm * along_px, across_mm)))
 
     def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
         """Return the pose of the sheath, as measured in a picture."""
@@ -295,7 +269,8 @@ class WorldSight(Sight):
         assert glance is not None
         end_mm, before_mm = self.locate(np.array(glance.sheath_mm))[0]
         heading_rad = math.atan2(*(end_mm - before_mm)) + float(self.noise.normal(0.0, errors.sheath_sd_rad))
-        y, z = (end_mm + self.noise.normal((0.0, errors.sheath_along_mm), errors.sheath_sd_mm)).tolist()
+        off_px = self.noise.normal((0.0, errors.sheath_along_px), errors.sheath_sd_px)
+        y, z = (end_mm + self._px_mm * off_px).tolist()
         u, v = self.plane.to_px(np.array([[y, z]]))[0].tolist()
         pose = SheathPose((u, v), (y, z), heading_rad, sheath.diameter_mm)
         return compare_with_command(pose, sheath, taken.positions.linear_mm, trial=trial, frame=taken.frame)
@@ -310,8 +285,8 @@ class WorldSight(Sight):
             np.array([(node.x_mm, node.y_mm, node.z_mm), glance.sheath_mm[0]])
         )
         side = math.copysign(1.0, end_mm[0] - sheath_mm[0])
-        off_mm = side * self.errors.bend_mm + float(self.noise.normal(0.0, self.errors.bend_sd_mm))
-        return float(end_mm[0]) + off_mm, float(end_mm[1])
+        off_px = side * self.errors.bend_px + float(self.noise.normal(0.0, self.errors.bend_sd_px))
+        return float(end_mm[0]) + self._px_mm * off_px, float(end_mm[1])
 
     def measure_end(
         self,
@@ -325,15 +300,14 @@ class WorldSight(Sight):
         points_mm = np.empty((0, 3)) if looked.glance is None else looked.glance.points_mm()
         if len(points_mm) < _END_POINTS:
             raise MeasurementRefusedError("the needle is inside its sheath", "insert it further")
-        seen, since_mm = self.locate(points_mm), looked.since_turn_mm
-        return draw_shaft(seen, self.plane, diameter_mm, since_mm, self.noise, errors=self.shaft_errors)
+        return draw_shaft(self.locate(points_mm), self.plane, diameter_mm, looked.since_turn_mm, self.noise)
 
     def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:  # noqa: ARG002
         """Return the radius that the hole has; how well it is read off is not drawn."""
         glance = _look(taken).glance
         if glance is None or glance.track is None or not math.isfinite(glance.radius_mm):
             return SeenRadius(None, None, "the needle is inside its sheath")
-        return SeenRadius(glance.radius_mm, self.errors.bend_sd_mm)
+        return SeenRadius(glance.radius_mm, self._px_mm * self.errors.bend_sd_px)
 
     def check_grid(self, taken: TakenPicture, pitch_mm: float) -> GridCheck:  # noqa: ARG002
         """Return paper that is as it should be: nobody bumps the camera of a world."""

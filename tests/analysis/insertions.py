@@ -6,12 +6,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.run import analyze_run
 from labrig.experiments.insertion.result import InsertionResult
-from labrig.experiments.registry import find_run_experiment
 from labrig.record.reader import Run, open_run
-from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.experiments.insertion.test_procedure import conduct_insertion, insertion
+from tests.experiments.insertion.test_procedure import analyse, conduct_insertion, insertion
 
 OBSTACLE = "obstacles=[{position_mm: [0, 8, 18], radius_mm: 4}]"
 
@@ -23,15 +20,6 @@ def record_insertion(*overrides: str) -> Run:
     protocol = insertion(OBSTACLE, "title=To <b>there</b>", *overrides)
     _, run = conduct_insertion(folder, protocol, ())
     return open_run(run.path)
-
-
-def analyse(run: Run, *overrides: str) -> InsertionResult:
-    """Analyse a run of insertions."""
-    result = analyze_run(
-        run, find_run_experiment(run), overrides=overrides, workers=1, created=NOW, provenance=PROVENANCE
-    )
-    assert isinstance(result.content, InsertionResult)
-    return result.content
 
 
 @cache

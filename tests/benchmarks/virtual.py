@@ -22,9 +22,8 @@ from typing import Any
 
 from labrig.analysis.experiment import TaskOutcome
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.runner.dry_run import simulate
 from labrig.runner.sight import load_plane_map

@@ -28,7 +28,7 @@ from labrig.errors import (
     Fault,
     LabrigError,
 )
-from labrig.experiments.registry import find_experiment
+from labrig.experiments.declared import find_experiment
 from labrig.lab import RUNS_DIR_VARIABLE
 from labrig.library.sources import Sources, find_recorded_rig
 from labrig.runner.attendant import Attendant

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from labrig.cli.finished_run import print_summary
-from labrig.experiments.hinge_design.summary import summarise
+from labrig.experiments.hinge_design.result import summarise
 from labrig.protocol.design_file import PAPER_TUBE, Tube, load_design
 from labrig.record.reader import open_run
 from tests.cli.conftest import ROOT, SCENARIO, SMALL_RIG, Labrig

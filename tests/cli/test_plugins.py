@@ -32,6 +32,15 @@ def measure(picture, protocol):
 EXPERIMENT = Experiment({name!r}, __name__)
 {more}
 """
+EVENT = """
+from labrig.record.events import Event
+
+class Turned(Event):
+    roll_rad: float
+
+def run(protocol, session):
+    session.record(Turned(rol_rad=1.0))
+"""
 
 
 @pytest.fixture
@@ -87,6 +96,10 @@ def test_a_plugin_that_fails_is_named_and_fatal_to_nothing(
             "mistyped", "def run(protocol, session):\n    session.reference_axis()\n", 1,
             r"'Session' object has no attribute 'reference_axis', in \S+lab_mistyped\.py, line 16",
         ),
+        (
+            "event", EVENT, 1,
+            r"ValidationError: .* roll_rad Field required .*, in \S+lab_event\.py, line 22",
+        ),
     ],
 )  # fmt: skip
 def test_an_experiment_that_cannot_run_is_refused_before_anything_moves(
@@ -102,6 +115,19 @@ def test_an_experiment_that_cannot_run_is_refused_before_anything_moves(
         assert (done.exit_code, "lab-package" in told) == (code, True), told
         assert re.search(words, told), told
     assert not (tmp_path / "runs").exists()
+
+
+def test_a_mistake_that_only_a_run_meets_is_told_with_its_line_and_the_record(
+    site: Path, tmp_path: Path, labrig: Labrig
+) -> None:
+    """The package, the file, the line and the folder of what was recorded so far."""
+    late = "def run(protocol, session):\n    if session.run_name != 'virtual':\n        session.reference_axis()\n"
+    entry_points = "[labrig.experiments]\nlate = lab_late:EXPERIMENT\n"
+    install_package(site, "lab-package", entry_points, "lab_late", DECLARATION.format(name="late", more=late))
+    done = labrig("run", _protocol(tmp_path, "late"), "--rig", RIG, "--runs-dir", tmp_path / "runs")
+    told, (run,) = " ".join(done.err.split()), (tmp_path / "runs").glob("*-late")
+    assert done.exit_code == 2
+    assert re.search(rf"lab-package .*lab_late\.py, line 17.*the record is {run}", told), told
 
 
 @pytest.fixture

@@ -1,11 +1,9 @@
 """The grid, the plane through it, and the design by search."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import pytest
 
 from labrig.errors import AnswerIsNoError, InputError
-from labrig.needle.design_search import fit_plane, make_hinge_grid, search_design, search_grid
+from labrig.needle.design_search import fit_plane, make_hinge_grid, search_design
 from labrig.needle.equations import EQUATION_3, RotationPlane
 from labrig.needle.hinge import Hinge
 from labrig.needle.rotation_search import GridPoint, search_rotations
@@ -15,7 +13,7 @@ from labrig.protocol.design_file import PAPER_TUBE
 @pytest.fixture(scope="module")
 def cells() -> tuple[GridPoint, ...]:
     """Return a grid of 3 x 3 points."""
-    return search_grid(make_hinge_grid(PAPER_TUBE, 0.025, points=3), map)
+    return tuple(map(search_rotations, make_hinge_grid(PAPER_TUBE, 0.025, points=3)))
 
 
 def test_the_grid_lies_around_the_design() -> None:
@@ -26,16 +24,6 @@ def test_the_grid_lies_around_the_design() -> None:
     assert (hinges[-1].clearance_mm, hinges[-1].beta_cut_deg) == (pytest.approx(0.040), 8.0)
     assert make_hinge_grid(PAPER_TUBE, 0.08)[-1].clearance_mm < 0.08
     assert make_hinge_grid(PAPER_TUBE, 0.001)[0].clearance_mm == 0.001
-
-
-def test_cells_are_in_order_with_progress(cells: tuple[GridPoint, ...]) -> None:
-    """Each cell belongs to its hinge, whoever searches, and progress counts to the end."""
-    progress: list[tuple[int, int]] = []
-    hinges = make_hinge_grid(PAPER_TUBE, 0.025, points=3)[:2]
-    with ThreadPoolExecutor(2) as executor:
-        again = search_grid(hinges, executor.map, lambda done, total: progress.append((done, total)))
-    assert again == cells[:2]
-    assert progress == [(1, 2), (2, 2)]
 
 
 @pytest.mark.processors

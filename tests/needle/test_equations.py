@@ -27,26 +27,22 @@ def test_the_equations_give_the_papers_numbers() -> None:
     """
     beta_rot_deg = rotation_for_radius_deg(TABLE_1.radius_mm, TABLE_1.tube.link_length_mm)
     beta_cut_deg = EQUATION_3.beta_cut_deg(beta_rot_deg, TABLE_1.clearance_mm)
-    assert (round(beta_rot_deg, 2), round(beta_cut_deg, 2)) == (TABLE_1.beta_rot_deg, 4.12)
+    assert (round(beta_rot_deg, 2), round(beta_cut_deg, 2)) == (11.46, 4.12)
     assert beta_cut_deg == pytest.approx(TABLE_1.beta_cut_deg, abs=0.01)
     measured_deg = rotation_for_radius_deg(27.6, 3.0)
     assert round(measured_deg, 2) == 12.46
     assert round(EQUATION_3.clearance_mm(measured_deg, TABLE_1.beta_cut_deg), 4) == 0.0283
 
 
-@given(radius=st.floats(4.0, 10_000.0))
-def test_equation_1_and_its_inverse_undo_each_other(radius: float) -> None:
-    """Radius to rotation to radius is the same radius."""
-    assert radius_mm(rotation_for_radius_deg(radius, 3.0), 3.0) == pytest.approx(radius, rel=1e-12)
-
-
 @given(beta_cut_deg=CUTS_DEG, clearance_mm=CLEARANCES_MM)
 def test_a_plane_and_its_inverses_undo_each_other(beta_cut_deg: float, clearance_mm: float) -> None:
-    """Solving a plane for the inclination or the clearance gives back what went in."""
+    """Solving a plane for the inclination or the clearance, and a radius for its rotation, gives back what went in."""
     plane = RotationPlane(1.09, 296.0, 0.0, 0.0)
     beta_rot_deg = plane.beta_rot_deg(beta_cut_deg, clearance_mm)
     assert plane.beta_cut_deg(beta_rot_deg + 1e-9, clearance_mm) == pytest.approx(beta_cut_deg, abs=1e-6)
     assert plane.clearance_mm(beta_rot_deg + 1e-9, beta_cut_deg) == pytest.approx(clearance_mm, abs=1e-6)
+    bent_mm = 4.0 + 500.0 * beta_cut_deg
+    assert radius_mm(rotation_for_radius_deg(bent_mm, 3.0), 3.0) == pytest.approx(bent_mm, rel=1e-12)
 
 
 @given(beta_cut_deg=st.floats(2.0, 15.0), clearance_mm=st.floats(0.01, 0.05))
@@ -60,12 +56,9 @@ def test_slopes_are_those_of_the_radius(beta_cut_deg: float, clearance_mm: float
     def radius(cut_deg: float, d_mm: float) -> float:
         return radius_mm(EQUATION_3.beta_rot_deg(cut_deg, d_mm), 3.0)
 
-    by_clearance = (
-        radius(beta_cut_deg, clearance_mm + 1e-6) - radius(beta_cut_deg, clearance_mm - 1e-6)
-    ) / 2e-6
-    by_degree = (radius(beta_cut_deg + 1e-4, clearance_mm) - radius(beta_cut_deg - 1e-4, clearance_mm)) / 2e-4
-    assert found.per_clearance == pytest.approx(by_clearance, rel=1e-5)
-    assert found.per_degree_mm == pytest.approx(by_degree, rel=1e-5)
+    for slope, step_deg, step_mm in ((found.per_clearance, 0.0, 1e-6), (found.per_degree_mm, 1e-4, 0.0)):
+        ends = [radius(beta_cut_deg + side * step_deg, clearance_mm + side * step_mm) for side in (1, -1)]
+        assert slope == pytest.approx((ends[0] - ends[1]) / 2 / (step_deg + step_mm), rel=1e-5)
     assert found.low_mm == pytest.approx(radius(beta_cut_deg + 0.1, clearance_mm + 0.003))
     assert found.high_mm == pytest.approx(radius(beta_cut_deg - 0.1, clearance_mm - 0.003))
 

@@ -39,10 +39,7 @@ def _integrate(psi: FloatArray, steps: int = 400) -> FloatArray:
     position, rotation = np.zeros(3), Rotation.identity()
     for theta, delta in psi:
         rotation = rotation * Rotation.from_rotvec([0.0, 0.0, delta])
-        half, whole = (
-            Rotation.from_rotvec([theta / steps / 2, 0, 0]),
-            Rotation.from_rotvec([theta / steps, 0, 0]),
-        )
+        half, whole = (Rotation.from_rotvec([theta / steps / part, 0, 0]) for part in (2, 1))
         for _ in range(steps):
             position = position + RADIUS_MM * theta / steps * (rotation * half).apply([0.0, 0.0, 1.0])
             rotation = rotation * whole
@@ -65,32 +62,31 @@ def _differences(tip: Callable[[FloatArray], FloatArray], psi: FloatArray, step:
 @pytest.mark.processors
 @pytest.mark.parametrize("psi", CONFIGURATIONS)
 def test_the_tip_is_where_integration_ends(psi: FloatArray) -> None:
-    """Equations (5) to (8) agree with stepwise integration of curvature and roll."""
-    tip = path_frames(psi, RADIUS_MM).positions_mm[-1]
-    np.testing.assert_allclose(tip, _integrate(psi), atol=1e-4)
+    """Equations (5) to (8) agree with stepwise integration of curvature and roll; control points end at {ie}."""
+    frames = path_frames(psi, RADIUS_MM)
+    np.testing.assert_allclose(frames.positions_mm[-1], _integrate(psi), atol=1e-4)
+    ends = control_points(psi, RADIUS_MM, POINTS)[:, -1]
+    np.testing.assert_allclose(ends, frames.positions_mm[1:], atol=1e-12)
+    starts = path_points(psi, RADIUS_MM, np.zeros(1))[:, 0]
+    np.testing.assert_allclose(starts, frames.positions_mm[:-1], atol=1e-12)
 
 
 @pytest.mark.parametrize("psi", CONFIGURATIONS)
 def test_the_jacobians_are_derivatives(psi: FloatArray) -> None:
-    """Equations (10) and (15), its own-arc block corrected, agree with central differences to 1e-7."""
-    of_tip = _differences(lambda p: path_frames(p, RADIUS_MM).positions_mm[-1], psi)
-    np.testing.assert_allclose(path_jacobian(RADIUS_MM, path_frames(psi, RADIUS_MM)), of_tip, atol=1e-7)
-    of_points = _differences(lambda p: control_points(p, RADIUS_MM, POINTS), psi)
-    np.testing.assert_allclose(control_jacobians(psi, RADIUS_MM, POINTS), of_points, atol=1e-7)
-
-
-@pytest.mark.parametrize("psi", CONFIGURATIONS)
-def test_the_place_jacobians_are_the_derivatives_of_places_at_fixed_angles(psi: FloatArray) -> None:
-    """A place that keeps its angle on its arc moves as central differences say, to 1e-7."""
-    arcs = np.arange(len(psi))
+    """Equations (10) and (15), its own-arc block corrected, and places that keep their angle: to 1e-7."""
 
     def places(moved: FloatArray) -> FloatArray:
         frames = path_frames(moved, RADIUS_MM)
         steps, _ = arc_pose(psi[:, 0] / 2, moved[:, 1], RADIUS_MM)
         return frames.positions_mm[:-1] + (frames.rotations[:-1] @ steps[..., None])[..., 0]
 
-    found = place_jacobians(RADIUS_MM, path_frames(psi, RADIUS_MM), places(psi), arcs, 0.0)
-    np.testing.assert_allclose(found, _differences(places, psi), atol=1e-7)
+    frames, own = path_frames(psi, RADIUS_MM), np.arange(len(psi))
+    for found, moving in (
+        (path_jacobian(RADIUS_MM, frames), lambda p: path_frames(p, RADIUS_MM).positions_mm[-1]),
+        (control_jacobians(psi, RADIUS_MM, POINTS), lambda p: control_points(p, RADIUS_MM, POINTS)),
+        (place_jacobians(RADIUS_MM, frames, places(psi), own, 0.0), places),
+    ):
+        np.testing.assert_allclose(found, _differences(moving, psi), atol=1e-7)
 
 
 def test_no_arc_goes_nowhere() -> None:
@@ -134,14 +130,3 @@ def test_many_paths_at_once_are_each_path_alone(seed: int) -> None:
         np.testing.assert_allclose(of_tips[k], alone, atol=1e-12)
         both = control_jacobians(stack, RADIUS_MM, POINTS)[k]
         np.testing.assert_allclose(both, control_jacobians(psi, RADIUS_MM, POINTS), atol=1e-12)
-
-
-def test_the_last_control_point_of_an_arc_is_its_end() -> None:
-    """Control points end at {ie}, and fraction zero is {ib}."""
-    psi = _random(4, 3)
-    frames = path_frames(psi, RADIUS_MM)
-    np.testing.assert_allclose(
-        control_points(psi, RADIUS_MM, POINTS)[:, -1], frames.positions_mm[1:], atol=1e-12
-    )
-    starts = path_points(psi, RADIUS_MM, np.zeros(1))[:, 0]
-    np.testing.assert_allclose(starts, frames.positions_mm[:-1], atol=1e-12)

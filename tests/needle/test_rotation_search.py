@@ -70,20 +70,16 @@ def test_rotation_grows_with_clearance_and_inclination() -> None:
 @pytest.mark.parametrize("beta_cut_deg", [1.0, 4.0, 8.0])
 def test_without_clearance_hinge_a_turns_by_the_inclination(beta_cut_deg: float) -> None:
     """As d goes to zero, hinge a turns by beta_cut and hinge b not at all."""
-    finest = search_rotations(Hinge(PAPER_TUBE, 0.001, beta_cut_deg))
-    finer = search_rotations(Hinge(PAPER_TUBE, 0.002, beta_cut_deg))
-    limit_a_deg = 2 * finest.beta_a_deg - finer.beta_a_deg
-    limit_b_deg = 2 * finest.beta_b_deg - finer.beta_b_deg
-    assert limit_a_deg == pytest.approx(beta_cut_deg, abs=0.01)
-    assert limit_b_deg == pytest.approx(0.0, abs=0.005)
+    finest, finer = (search_rotations(Hinge(PAPER_TUBE, d, beta_cut_deg)) for d in (0.001, 0.002))
+    assert 2 * finest.beta_a_deg - finer.beta_a_deg == pytest.approx(beta_cut_deg, abs=0.01)
+    assert 2 * finest.beta_b_deg - finer.beta_b_deg == pytest.approx(0.0, abs=0.005)
 
 
 def test_the_same_seed_gives_the_same_answer_and_another_one_no_other() -> None:
     """The search repeats to the bit, and no seed changes the rotation by 0.005 degrees."""
-    view = PAPER.hinge_a()
-    first = search_largest_rotation(view, seed=1)
-    assert first == search_largest_rotation(view, seed=1)
-    assert search_largest_rotation(view, seed=2).rotation_deg == pytest.approx(first.rotation_deg, abs=0.005)
+    first, again, other = (search_largest_rotation(PAPER.hinge_a(), seed=seed) for seed in (1, 1, 2))
+    assert first == again
+    assert other.rotation_deg == pytest.approx(first.rotation_deg, abs=0.005)
 
 
 @pytest.mark.processors

@@ -19,6 +19,7 @@ from labrig.vision.gel import Gel
 from tests.protocol_texts import load_text
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
+EXAMPLE = Path(__file__).parents[2] / "labrig" / "manual" / "example"
 STEERABILITY: Any = load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS)
 
 IMPORT = """
@@ -37,6 +38,16 @@ def test_the_steerability_protocol_is_section_v_b_of_the_paper():
     assert (insertion.length_mm, insertion.speed_mm_s, insertion.bevel_roll_rad) == (40, 1, 0)
     with pytest.raises(ValidationError, match="frozen"):
         STEERABILITY.seed = 1
+
+
+@pytest.mark.parametrize(
+    "file", [*PROTOCOLS.glob("*.yaml"), *EXAMPLE.rglob("bevel*")], ids=lambda file: file.name
+)
+def test_an_example_is_short(file: Path):
+    """A protocol states what a lab changes, and an experiment with a needle fits on a page."""
+    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+    stated = [line for line in lines if not line.lstrip().startswith("#")]
+    assert len(stated) <= (60 if file.suffix == ".py" else 35)
 
 
 def test_the_calibration_protocol_shows_the_gel_that_it_could_correct():

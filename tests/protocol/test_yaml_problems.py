@@ -126,7 +126,7 @@ def test_the_error_names_the_file_as_it_was_given(tmp_path, capsys):
     """Where a file was loaded from is part of each place, and loading prints nothing."""
     path = tmp_path / "my protocol.yaml"
     path.write_text(change("seed: 20260", "seed: -1"), encoding="utf-8")
-    with pytest.raises(FileFormatError, match=r"my protocol\.yaml:18:1 seed: seed is -1"):
+    with pytest.raises(FileFormatError, match=r"my protocol\.yaml:17:1 seed: seed is -1"):
         load_protocol(path, PROTOCOL_MODELS)
     assert capsys.readouterr() == ("", "")
 

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from labrig.experiments.insertion.scenario import load_scenario, make_problem
+from labrig.library.scenario import load_scenario, make_problem
 from labrig.report.figures import Design, GelSeries, draw_lens, draw_steerability_figure, write_figure
 from labrig.report.film import draw_film_picture
 from labrig.report.film_pictures import FilmPicture, Stroke

@@ -49,12 +49,10 @@ from labrig.errors import (
     SafetyStopError,
     WireError,
 )
-from labrig.experiments.registry import find_experiment
+from labrig.experiments.declared import find_experiment
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder, opening_files
 from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path
@@ -81,7 +79,7 @@ from tests.devices.wire_faults import (
     ignore_next,
     stop_heartbeat,
 )
-from tests.runner.sessions import SHORT_WAY, Told, Watched, sweep
+from tests.runner.sessions import SHORT_WAY, Told, Watched, begin_record, sweep
 
 AXES = ("insertion", "rotation", "linear")
 STRUCK = dict.fromkeys(Phase, "insertion") | {Phase.HOMING: "linear"}
@@ -445,7 +443,7 @@ def run_cell(
         rig.needle.mark_out()
         rig.connect()
         rig._alert = lambda text: cell.alerts.append((hardware.clock.now_s(), text))
-        outcome, run = _conduct(cell, folder, protocol, description)
+        outcome, run = _conduct(cell, folder, protocol)
         cell.located = rig.locate_needle()
         counted = sum(count_repeats(axis.drive) for axis in rig.axes)
     hardware.clock.sleep(_LONG_AFTER_S)
@@ -460,15 +458,8 @@ def run_cell(
     return CellResult(outcome, run, still_after_s, tuple(differences))
 
 
-def _conduct(
-    cell: Cell, folder: Path, protocol: ExperimentProtocol, description: RigDescription
-) -> tuple[Outcome, Run]:
-    recorder = Recorder.create(
-        folder,
-        "run",
-        {"experiment": protocol.experiment, "started": cell.rig.clock.utc(), "trials_planned": 1},
-        opening_files(dump_yaml(protocol), dump_yaml(description)),
-    )
+def _conduct(cell: Cell, folder: Path, protocol: ExperimentProtocol) -> tuple[Outcome, Run]:
+    recorder = begin_record(folder, protocol, cell.rig)
     cell.folder = recorder.path
     cell.rig.operator = _Slow(
         cell, Watched(cell.rig.operator, then=lambda request: _meanwhile(cell, request))
@@ -654,15 +645,8 @@ def _needle_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str]:
 def _withdrawal_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str]:
     """Yield what keeps a withdrawal from bringing the needle out; an axis without a reference is believed."""
     rig.needle.mark_in_tissue(run_name)
-    run = open_run(cell.folder)
-    manifest = {"experiment": run.manifest["experiment"], "started": rig.clock.utc(), "trials_planned": 0}
-    recorder = Recorder.create(
-        cell.folder.parent,
-        "withdrawal",
-        manifest,
-        opening_files(run.protocol_path.read_text(encoding="utf-8")),
-    )
-    path = read_needle_path(run)
+    path = read_needle_path(open_run(cell.folder))
+    recorder = begin_record(cell.folder.parent / "withdrawal", sweep(*_SHORT), rig)
     outcome = conduct_withdrawal(Session(rig, recorder, Told()), run_name, path, path[-1])
     if outcome.exit_status != "success" or rig.state.needle_in_tissue is not False:
         yield f"withdrawal: {outcome.reason}"

@@ -6,48 +6,28 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 
-from labrig.devices.clocks import SimulatedClock
 from labrig.devices.opening import Opening
 from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest
+from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
-from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.hinge_design.protocol import DesignProtocol
-from labrig.experiments.registry import find_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.events import RecordedTrial, TrialStart, TrialStop
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder, opening_files
-from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
+from labrig.record.writer import Recorder, opening_files, reopen_run
+from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import RunPlan
+from labrig.runner.past import read_past
 from labrig.runner.session import Session
 from labrig.runner.trials import AnyTrial
 from tests.devices.rigs import OpenedRig, large_rig, opened_rig, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
-EXAMPLES = sorted(path.stem for path in PROTOCOLS.glob("*.yaml") if not path.stem.startswith("campaign-"))
-"""The names of the example protocols; campaigns, which repeat one of them, are not among them."""
-SHORTER = {
-    "steerability": ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]"),
-    "calibration": ("views=4",),
-    "roll-zero": (
-        "roll_zero.length_mm=12",
-        "roll_zero.torsion.depths_mm=[20, 26, 32]",
-        "roll_zero.torsion.further_mm=10",
-        "roll_zero.torsion.max_sd_deg=20",
-    ),
-    "insertion": (
-        "target.position_mm=[0, 3, 40]",
-        "obstacles=[]",
-        "insertion.frame_every_mm=4",
-        "roll_zero.rolls=4",
-        "roll_zero.length_mm=12",
-    ),
-}
-"""What makes long example protocols short enough for a test."""
 SHORT_WAY = (
     "sheath.depth_mm=2",
     "analysis.window_start_mm=0",
@@ -102,17 +82,37 @@ class RunBench:
 
     opened: OpenedRig
     recorder: Recorder
-    told: Told
+    told: Told = field(default_factory=Told)
 
     @property
     def session(self) -> Session:
         """The session of a run."""
         return Session(self.opened.rig, self.recorder, self.told)
 
-    def conduct(self, protocol: ExperimentProtocol) -> tuple[Outcome, Run]:
-        """Conduct a run and open its record."""
+    def conduct(
+        self, protocol: ExperimentProtocol, then: Callable[[str], None] = lambda _doing: None
+    ) -> tuple[Outcome, Run]:
+        """Conduct a run, calling `then` with each sentence of its progress, and open its record."""
+        self.told.then = then
         outcome = conduct(find_experiment(protocol.experiment), protocol, self.session)
         return outcome, open_run(self.recorder.path)
+
+    def resume(self, run: Run, *, anew: bool = True) -> tuple[Outcome, Run]:
+        """Go on with a run here, on a rig that was opened anew, and open its record."""
+        self.recorder, self.told = reopen_run(run.path, "test"), Told()
+        if anew:
+            self.recorder.begin_session(self.opened.rig.clock.utc(), devices=self.opened.rig.describe())
+        past, protocol = read_past(run), load_run_protocol(run)
+        outcome = conduct(find_run_experiment(run), protocol, self.session, past)
+        return outcome, open_run(run.path)
+
+
+def begin_record(folder: Path, protocol: ExperimentProtocol, rig: Rig, **manifest: object) -> Recorder:
+    """Begin the record of a run on a rig that is open."""
+    manifest |= {"experiment": protocol.experiment, "started": rig.clock.utc(), "trials_planned": 1}
+    rig_file = rig.description
+    files = opening_files(dump_yaml(protocol), dump_yaml(rig_file), rig_file.calibration_files())
+    return Recorder.create(folder, "run", manifest, files)
 
 
 @contextmanager
@@ -125,21 +125,10 @@ def bench(
 ) -> Iterator[RunBench]:
     """Open a simulated rig and a record, as a run has them before power is switched on."""
     opening = Opening(max_current_ma=protocol.current_limits_ma)
-    description = describe(*overrides)
-    with opened_rig(description, opening=opening) as opened:
+    with opened_rig(describe(*overrides), opening=opening) as opened:
         opened.rig.verify()
-        recorder = Recorder.create(
-            tmp_path,
-            "run",
-            {
-                "experiment": protocol.experiment,
-                "started": opened.rig.clock.utc(),
-                "trials_planned": 1,
-                "devices": opened.rig.describe(),
-            },
-            opening_files(dump_yaml(protocol), dump_yaml(description), description.calibration_files()),
-        )
-        yield RunBench(opened, recorder, Told())
+        devices = opened.rig.describe()
+        yield RunBench(opened, begin_record(tmp_path, protocol, opened.rig, devices=devices))
 
 
 large_bench = partial(bench, describe=large_rig)
@@ -161,18 +150,6 @@ def record_run(folder: Path, protocol: ExperimentProtocol, *overrides: str) -> R
     with bench(folder, protocol, overrides) as at:
         _, run = at.conduct(protocol)
     return run
-
-
-def record_example(folder: Path, name: str) -> Run:
-    """Record a run of an example protocol, shortened; a design moves nothing and needs no rig."""
-    protocol = load_protocol(PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, SHORTER.get(name, ()))
-    if not isinstance(protocol, DesignProtocol):
-        return record_run(folder, protocol)
-    clock = SimulatedClock()
-    manifest = {"experiment": "design", "started": clock.utc()}
-    recorder = Recorder.create(folder, "run", manifest, opening_files(dump_yaml(protocol)))
-    conduct_without_rig(find_experiment("design"), recorder, clock)
-    return open_run(recorder.path)
 
 
 def begun(number: int, repeats: int | None, exit_status: str) -> AnyTrial:

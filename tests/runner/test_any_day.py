@@ -20,7 +20,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from labrig.devices.operator import NO_OFFER, Answer, Choice, Offer, OperatorRequest, Paused
 from labrig.devices.rig import Rig
 from labrig.errors import InterruptedRunError, RecordError
-from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
+from labrig.experiments.declared import find_experiment
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.record.agreement import Verdict
 from labrig.record.check import check_run
 from labrig.record.events import Event

@@ -4,20 +4,19 @@ from pathlib import Path
 
 from labrig.devices.rig import Rig
 from labrig.errors import CameraError
-from labrig.experiments.registry import find_experiment
-from labrig.protocol.yaml_file import dump_yaml
+from labrig.experiments.declared import find_experiment
 from labrig.record.check import check_run
 from labrig.record.json_lines import LineFile
 from labrig.record.reader import open_run
-from labrig.record.writer import Recorder, opening_files
+from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.session import Session
 from tests.devices.blocking import Blockade, threaded_rig
 from tests.devices.rigs import simulated_rig
 from tests.devices.wire_faults import listening, require_no_fault
-from tests.runner.sessions import SHORT_WAY, Told, sweep
+from tests.runner.sessions import SHORT_WAY, Told, begin_record, sweep
 
-SHORT = (*SHORT_WAY, "insertion.length_mm=10", "insertion.speed_mm_s=2", "insertion.frame_every_mm=2")
+PROTOCOL = sweep(*SHORT_WAY, "insertion.length_mm=10", "insertion.speed_mm_s=2", "insertion.frame_every_mm=2")
 BUSY_S, LATE_S = 0.5, 0.1
 QUADCOUNTS_PER_MM = 4000
 LONGEST_GAP_S = 0.2
@@ -36,21 +35,9 @@ class SlowLines(LineFile):
         super().sync()
 
 
-def record(folder: Path, rig: Rig) -> Recorder:
-    """Begin the record of a sweep."""
-    protocol = sweep(*SHORT)
-    return Recorder.create(
-        folder,
-        "run",
-        {"experiment": protocol.experiment, "started": rig.clock.utc(), "trials_planned": 1},
-        opening_files(dump_yaml(protocol), dump_yaml(rig.description)),
-    )
-
-
-def conduct_sweep(rig: Rig, recorder: Recorder, told: Told) -> Outcome:
+def conduct_sweep(rig: Rig, recorder: Recorder) -> Outcome:
     """Conduct a sweep of one insertion."""
-    protocol = sweep(*SHORT)
-    return conduct(find_experiment(protocol.experiment), protocol, Session(rig, recorder, told))
+    return conduct(find_experiment("steerability"), PROTOCOL, Session(rig, recorder, Told()))
 
 
 def slow_down(recorder: Recorder, blockade: Blockade) -> None:
@@ -66,9 +53,9 @@ def test_an_fsync_of_500_ms_delays_no_beat(tmp_path: Path) -> None:
     """The run succeeds, and its record is sound."""
     with threaded_rig() as (opened, hardware), listening(opened) as heard:
         opened.rig.verify()
-        recorder = record(tmp_path, opened.rig)
+        recorder = begin_record(tmp_path, PROTOCOL, opened.rig)
         slow_down(recorder, hardware.blockade)
-        outcome = conduct_sweep(opened.rig, recorder, Told())
+        outcome = conduct_sweep(opened.rig, recorder)
         opened.rig.close()
         assert (outcome.exit_status, outcome.reason) == ("success", "")
         assert heard.longest_gap_s <= LONGEST_GAP_S
@@ -97,7 +84,7 @@ def test_a_busy_computer_trips_nothing(tmp_path: Path) -> None:
         rig = opened.rig
         hardware.disk.busy_s = LATE_S
         rig.verify()
-        outcome = conduct_sweep(rig, record(tmp_path, rig), Told())
+        outcome = conduct_sweep(rig, begin_record(tmp_path, PROTOCOL, rig))
         rig.close()
         assert (outcome.exit_status, outcome.reason) == ("success", "")
         assert heard.longest_gap_s <= LONGEST_GAP_S + 2 * LATE_S
@@ -108,14 +95,14 @@ def test_a_camera_that_hangs_stops_the_run_and_is_named(tmp_path: Path) -> None:
     """The axes hold at their targets until labrig gives the camera up; the drives do not stop by themselves."""
     with threaded_rig() as (opened, hardware), listening(opened) as heard:
         opened.rig.verify()
-        recorder = record(tmp_path, opened.rig)
+        recorder = begin_record(tmp_path, PROTOCOL, opened.rig)
 
         def hang_on_the_way() -> None:
             needle_mm = hardware.drives["insertion"].shaft_counts / QUADCOUNTS_PER_MM
             hardware.camera.hangs_s = 10.0 if needle_mm > 4.0 else 0.0
 
         hardware.clock.on_advance(hang_on_the_way)
-        outcome = conduct_sweep(opened.rig, recorder, Told())
+        outcome = conduct_sweep(opened.rig, recorder)
         opened.rig.close()
         assert isinstance(outcome.error, CameraError)
         assert "the camera hangs: it has not answered for 3.3 s" in outcome.reason

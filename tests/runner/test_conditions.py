@@ -6,15 +6,12 @@ import pytest
 
 from labrig.analysis.pictures import load_plane_map, measure_picture
 from labrig.errors import ConditionMetError
-from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
+from labrig.experiments.registry import load_run_protocol
 from labrig.experiments.shared.curvature import make_settings
 from labrig.experiments.shared.needle_events import SpecimenTrialStart, SpecimenTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.events import ConditionMet, Pause, ValueMeasured
-from labrig.record.reader import open_run
-from labrig.record.writer import reopen_run
 from labrig.report.event_words import list_decisions
-from labrig.runner.conduct import conduct
 from labrig.runner.past import read_past
 from tests.runner.sessions import bench, sweep
 from tests.runner.test_pausing import GO_ON, SHORT, SPARSE, make_run, require_identical
@@ -54,16 +51,12 @@ def test_a_condition_stops_the_run_and_a_resumed_one_goes_on(tmp_path: Path) -> 
     """The run ends as a person stops it, the answer is no; resumed, it stops for the next value that meets it."""
     protocol = sweep(*SHORT, *LOOSE, "conditions=[{value: radius_mm, above: 1, do: stop}]")
     with bench(tmp_path, protocol, SPARSE) as at:
-        outcome = conduct(find_experiment(protocol.experiment), protocol, at.session)
+        outcome, run = at.conduct(protocol)
         assert isinstance(outcome.error, ConditionMetError)
         assert (outcome.exit_status, outcome.error.exit_code) == ("aborted", 1)
         assert "(stop when radius_mm above 1)" in outcome.reason
-        run = open_run(at.recorder.path)
         require_identical(run)
-        past = read_past(run)
-        assert past.kept == 1
-        at.recorder = reopen_run(run.path, "test")
-        again = conduct(find_run_experiment(run), protocol, at.session, past)
+        assert read_past(run).kept == 1
+        again, run = at.resume(run, anew=False)
     assert "radius_mm of trial 2 is" in again.reason
-    run = open_run(run.path)
     assert [len(run.read_events(kind)) for kind in (ValueMeasured, ConditionMet)] == [2, 2]

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.rig import open_rig
-from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.registry import find_experiment, find_run_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
+from labrig.experiments.registry import find_run_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml

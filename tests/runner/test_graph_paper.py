@@ -26,23 +26,17 @@ NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
 STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12", "roll_zero.torsion=null")
 
 
-def nearer(opened: RunBench, part: float) -> None:
-    """Move the camera closer to the bench by a fraction of its distance."""
-    world = opened.opened.hardware.world
-    lens = world.description.lens
-    moved = lens.model_copy(update={"distance_mm": lens.distance_mm * (1.0 - part)})
-    world.description = world.description.model_copy(update={"lens": moved})
-
-
 def conduct(
     opened: RunBench, protocol: ExperimentProtocol, bump: float, when: type[object]
 ) -> tuple[Outcome, Run]:
-    """Conduct a run whose camera moves closer after the operator has answered a kind of request."""
-    bumps = [bump]
+    """Conduct a run whose camera moves closer by a share after the operator has answered a kind of request."""
+    world, bumps = opened.opened.hardware.world, [bump]
 
     def then(request: OperatorRequest) -> None:
         if isinstance(request, when) and bumps:
-            nearer(opened, bumps.pop())
+            lens = world.description.lens
+            moved = lens.model_copy(update={"distance_mm": lens.distance_mm * (1.0 - bumps.pop())})
+            world.description = world.description.model_copy(update={"lens": moved})
 
     rig = opened.opened.rig
     rig.operator = Watched(rig.operator, then)
@@ -79,22 +73,6 @@ def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: 
     assert "The plane map held" in page(run, result)
 
 
-def test_bumped_camera_refuses_a_target_error(tmp_path: Path) -> None:
-    """After a bump of 2 % the run fails with exit code 1 and states no target error."""
-    protocol = insertion(*NEAR)
-    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
-        outcome, run = conduct(opened, protocol, 0.02, ConfirmPlan)
-    assert isinstance(outcome.error, CalibrationRefusedError)
-    assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
-    assert "the camera was bumped" in outcome.reason
-    result = analyse(run)
-    assert isinstance(result.content, InsertionResult)
-    (trial,) = result.content.insertions
-    assert (trial.target_error_mm, trial.reached, result.content.reached) == (None, False, False)
-    assert "the camera was bumped" in (trial.unmeasured or "")
-    assert "the camera was bumped" in page(run, result)
-
-
 def roll_zero(*overrides: str) -> ExperimentProtocol:
     """Return a short search for the roll zero."""
     return load_protocol(PROTOCOLS / "roll-zero.yaml", PROTOCOL_MODELS, [*STEPS, *overrides])
@@ -107,35 +85,41 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
     with large_bench(tmp_path, protocol, (*EVEN[:2], *play)) as opened:
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
-    events = run.lines("events")
-    assert sum(event["kind"] == "roll_zero_sheath" for event in events) == 4
-    (found,) = (event for event in events if event["kind"] == "roll_zero")
-    fit = found["fit"]
-    assert abs(math.degrees(fit["zero_rad"])) < 2.0
-    assert fit["residual_rms_mm"] < 0.1
+    (found,) = (event for event in run.lines("events") if event["kind"] == "roll_zero")
+    assert abs(math.degrees(found["fit"]["zero_rad"])) < 2.0
+    assert found["fit"]["residual_rms_mm"] < 0.1
     result = analyse(run)
     assert isinstance(result.content, RollZeroResult)
     assert result.content.accepted
     assert result.content.fit is not None
-    assert result.content.fit["zero_rad"] == pytest.approx(fit["zero_rad"], abs=1e-9)
+    assert result.content.fit["zero_rad"] == pytest.approx(found["fit"]["zero_rad"], abs=1e-9)
     assert [origin.accepted for origin in result.content.origins] == [True] * 4
     shown = page(run, result)
-    assert "Where the sheath stood" in shown
-    assert "The plane map held" in shown
+    assert ("Where the sheath stood" in shown, "The plane map held" in shown) == (True, True)
 
 
-def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) -> None:
-    """After a bump of 2 % no zero is certified, and the answer is no."""
-    protocol = roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
-    with large_bench(tmp_path, protocol, EVEN) as opened:
-        outcome, run = conduct(opened, protocol, 0.02, ShiftToHole)
+def test_a_bumped_camera_measures_nothing(tmp_path: Path) -> None:
+    """After a bump of 2 % the answer is no: no target error is stated, and no zero is certified."""
+    aimed, sought = insertion(*NEAR), roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
+    with open_certified_rig(tmp_path, aimed, EVEN) as opened:
+        inserted = conduct(opened, aimed, 0.02, ConfirmPlan)
+    with large_bench(tmp_path / "zero", sought, EVEN) as opened:
+        turned = conduct(opened, sought, 0.02, ShiftToHole)
         assert opened.opened.rig.needle.recall_roll_zero("N1") is None
-    assert isinstance(outcome.error, CalibrationRefusedError)
-    assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
-    result = analyse(run)
-    assert isinstance(result.content, RollZeroResult)
-    assert not result.content.accepted
-    assert any("the camera was bumped" in reason for reason in result.content.reasons)
+    for outcome, run in (inserted, turned):
+        assert isinstance(outcome.error, CalibrationRefusedError)
+        assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
+        assert "the camera was bumped" in outcome.reason
+        assert "the camera was bumped" in page(run, analyse(run))
+    of_insertion, of_zero = analyse(inserted[1]).content, analyse(turned[1]).content
+    assert isinstance(of_insertion, InsertionResult)
+    assert isinstance(of_zero, RollZeroResult)
+    (trial,) = of_insertion.insertions
+    assert (trial.target_error_mm, trial.reached, of_insertion.reached) == (None, False, False)
+    assert (of_zero.accepted, any("the camera was bumped" in reason for reason in of_zero.reasons)) == (
+        False,
+        True,
+    )
 
 
 def test_a_roll_zero_is_not_sought_from_a_sheath_that_slipped(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from labrig.devices.operator import (
     Paused,
     ShiftToHole,
 )
-from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
+from labrig.experiments.declared import find_experiment
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.experiments.shared.needle_events import SpecimenTrialStart, SpecimenTrialStop
 from labrig.record.agreement import Verdict
 from labrig.record.check import check_run

@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,32 +11,18 @@ import pytest
 from labrig.clock import Clock
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.operator import ShiftToHole
-from labrig.errors import InputError, RecordError
+from labrig.errors import RecordError
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
-from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.protocol.load import load_protocol
 from labrig.record.agreement import Deviation, Verdict
 from labrig.record.json_lines import as_recorded, decode_line, encode_line
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import reopen_run
-from labrig.runner.conduct import conduct
-from labrig.runner.past import read_past
 from labrig.runner.replay import Replay, replay_run
-from labrig.runner.session import Session
-from tests.record.runs import killed_run
-from tests.runner.sessions import (
-    EXAMPLES,
-    PROTOCOLS,
-    SHORTER,
-    RunBench,
-    Told,
-    Watched,
-    bench,
-    record_example,
-    record_run,
-    sweep,
-)
+from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench, record_run, sweep
+
+KEPT = Path(__file__).parents[1] / "records"
+ROLLS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")
 
 
 def replay(run: Run) -> Replay:
@@ -50,21 +37,22 @@ def insertion(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return record_run(tmp_path_factory.mktemp("runs"), sweep())
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_every_example_protocol_comes_again(tmp_path: Path, name: str) -> None:
-    """The same processor gives every move, picture, question and event again, to the last bit."""
-    run = record_example(tmp_path, name)
+@pytest.mark.parametrize("name", ["camera-calibration", "design", "insertion", "roll-zero", "steerability"])
+def test_every_line_of_a_kept_record_comes_again(name: str) -> None:
+    """Every move, picture, question, reading and event is compared, and none decides otherwise."""
+    run = open_run(KEPT / name)
     found = replay(run)
-    assert (found.verdict, found.agreement.largest) == (Verdict.IDENTICAL, {})
+    assert found.first_difference is None
     assert sum(found.counts.get(what, 0) for what in ("moves", "questions", "events")) == len(run.events)
     assert found.counts.get("pictures", 0) == len(run.frame_table)
     assert found.counts.get("readings", 0) == len(run.states)
 
 
-def test_nothing_is_written_by_a_replay(insertion: Run) -> None:
-    """A replay changes neither the record nor a state file."""
+def test_a_replay_is_identical_and_writes_nothing(insertion: Run) -> None:
+    """The same processor gives the last bit again; neither the record nor a state file is changed."""
     before = {path: path.read_bytes() for path in insertion.path.parent.rglob("*") if path.is_file()}
-    replay(insertion)
+    found = replay(insertion)
+    assert (found.verdict, found.agreement.largest) == (Verdict.IDENTICAL, {})
     assert {path: path.read_bytes() for path in insertion.path.parent.rglob("*") if path.is_file()} == before
 
 
@@ -83,8 +71,6 @@ def test_a_target_beyond_ten_increments_is_a_difference(insertion: Run) -> None:
     assert found.counts["moves"] == sum(insertion.events["kind"] == "move")
     other_needle = replay_with(insertion, "needle.needle_id=N2")
     assert other_needle.first_difference == Deviation("operator.details.needle_id", "N1", "N2")
-    assert other_needle.place is not None
-    assert other_needle.place.frame is None
 
 
 @pytest.mark.parametrize(("off_mm", "verdict"), [(0.002, "equivalent"), (0.003, "different")])
@@ -108,12 +94,10 @@ def test_a_procedure_that_does_more_or_less_differs(
 ) -> None:
     """An additional insertion, a missing picture and an additional picture are found where they happen."""
     found = replay_with(insertion, override)
-    assert found.stopped
-    difference = found.first_difference
-    assert difference is not None
-    assert difference.quantity == "what is asked"
-    assert recorded in str(difference.recorded)
-    assert now in str(difference.now)
+    first = found.first_difference
+    assert first is not None
+    assert (found.stopped, first.quantity) == (True, "what is asked")
+    assert (recorded in str(first.recorded), now in str(first.now)) == (True, True)
 
 
 def edit_events(run: Run, tmp_path: Path, change: Callable[[dict[str, object]], dict[str, object]]) -> Run:
@@ -152,48 +136,47 @@ def test_an_answer_that_is_missing_is_damage(insertion: Run, tmp_path: Path) -> 
         replay_run(other, find_run_experiment(other), load_run_protocol(other), Told())
 
 
-def _signal_while_withdrawing(at: RunBench) -> Session:
-    def then(doing: str) -> None:
-        if "withdrawing" in doing:
-            at.opened.signal.name = "TERM"
-
-    return Session(at.opened.rig, at.recorder, Told(then))
-
-
-def _stop_by_signal(folder: Path) -> Run:
-    protocol = sweep()
-    with bench(folder, protocol) as at:
-        conduct(find_experiment(protocol.experiment), protocol, _signal_while_withdrawing(at))
-    return open_run(at.recorder.path)
+def make_run(folder: Path, then: Callable[[RunBench, str], None], *overrides: str) -> Run:
+    """Record a sweep, and call `then` with each sentence of its progress."""
+    with bench(folder, sweep(), overrides) as at:
+        at.opened.rig.operator = Watched(at.opened.rig.operator)
+        return at.conduct(sweep(), partial(then, at))[1]
 
 
-def _say_no(folder: Path) -> Run:
-    protocol = sweep()
-    with bench(folder, protocol) as at:
-        at.opened.rig.operator = Watched(at.opened.rig.operator, declines=ShiftToHole)
-        return at.conduct(protocol)[1]
+def send_signal(at: RunBench, doing: str) -> None:
+    """Send a signal once the needle is withdrawn."""
+    if "withdrawing" in doing:
+        at.opened.signal.name = "TERM"
 
 
-def _strike(fault: str) -> Callable[[Path], Run]:
-    return lambda folder: record_run(folder, sweep(), f"faults=[{{{fault}}}]")
+def say_no(at: RunBench, _doing: str) -> None:
+    """Let the operator decline the next hole."""
+    operator = at.opened.rig.operator
+    assert isinstance(operator, Watched)
+    operator.declines = ShiftToHole
+
+
+def do_nothing(_at: RunBench, _doing: str) -> None:
+    """Leave it to the fault."""
 
 
 @pytest.mark.parametrize(
-    ("make", "exit_status"),
+    ("then", "fault", "exit_status"),
     [
-        (_stop_by_signal, "aborted"),
-        (_say_no, "aborted"),
-        (_strike("fault: boot-up, axis: linear, at_s: 20"), "failed"),
-        (_strike("fault: unplugged, at_s: 25"), "failed"),
-        (_strike("fault: bus-off, at_s: 25"), "failed"),
+        (send_signal, "", "aborted"),
+        (say_no, "", "aborted"),
+        (do_nothing, "fault: boot-up, axis: linear, at_s: 20", "failed"),
+        (do_nothing, "fault: unplugged, at_s: 25", "failed"),
+        (do_nothing, "fault: bus-off, at_s: 25", "failed"),
+        (do_nothing, "fault: blocked, axis: insertion, at_s: 8, once: moving", "failed"),
     ],
-    ids=["signal", "no", "boot-up", "unplugged", "bus-off"],
 )
 def test_a_run_that_ended_early_comes_again(
-    make: Callable[[Path], Run], exit_status: str, tmp_path: Path
+    then: Callable[[RunBench, str], None], fault: str, exit_status: str, tmp_path: Path
 ) -> None:
-    """A signal, an answer and a fault come where the record has them, and everything before is the same."""
-    run = make(tmp_path)
+    """A signal, an answer, a fault and a stall come where the record has them; everything before is the same."""
+    faults = [f"faults=[{{{fault}}}]", "axes.insertion.max_current_ma=800"] if fault else []
+    run = make_run(tmp_path, then, *faults)
     assert run.manifest["exit_status"] == exit_status
     found = replay(run)
     assert found.verdict is Verdict.IDENTICAL, found.first_difference
@@ -202,16 +185,12 @@ def test_a_run_that_ended_early_comes_again(
 
 def test_a_killed_run_is_followed_to_its_end(tmp_path: Path) -> None:
     """The replay of a killed run states where its record ends, and that it is identical up to there."""
-    protocol = sweep()
-    with bench(tmp_path, protocol) as at:
 
-        def then(doing: str) -> None:
-            if "withdrawing" in doing:
-                ignore = shutil.ignore_patterns(".lock*")
-                shutil.copytree(at.recorder.path, tmp_path / "killed", ignore=ignore)
+    def copy(at: RunBench, doing: str) -> None:
+        if "withdrawing" in doing:
+            shutil.copytree(at.recorder.path, tmp_path / "killed", ignore=shutil.ignore_patterns(".lock*"))
 
-        session = Session(at.opened.rig, at.recorder, Told(then))
-        conduct(find_experiment(protocol.experiment), protocol, session)
+    make_run(tmp_path, copy)
     run = open_run(tmp_path / "killed")
     found = replay(run)
     assert found.verdict is Verdict.IDENTICAL, found.first_difference
@@ -221,26 +200,12 @@ def test_a_killed_run_is_followed_to_its_end(tmp_path: Path) -> None:
 
 def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
     """The interrupted session and the resumed one, with its withdrawal, are both replayed."""
-    protocol = sweep()
-    assert isinstance(protocol, SteerabilityProtocol)
-    run = _stop_by_signal(tmp_path)
-    with bench(tmp_path / "again", protocol) as again:
-        recorder = reopen_run(run.path, "test")
-        devices = open_run(again.recorder.path).devices
-        recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
-        experiment = find_run_experiment(run)
-        session = Session(again.opened.rig, recorder, Told())
-        outcome = conduct(experiment, protocol, session, read_past(run))
+    with bench(tmp_path / "again", sweep()) as again:
+        outcome, run = again.resume(make_run(tmp_path, send_signal))
     assert outcome.exit_status == "success"
     found = replay(run)
     assert found.verdict is Verdict.IDENTICAL, found.first_difference
-    assert found.counts["readings"] == len(open_run(run.path).states)
-
-
-def test_imported_pictures_cannot_be_replayed(tmp_path: Path) -> None:
-    """A run that was not made by a procedure is refused by name."""
-    with pytest.raises(InputError, match="no procedure made it"):
-        replay(open_run(killed_run(tmp_path)))
+    assert found.counts["readings"] == len(run.states)
 
 
 class _StampedSource:
@@ -260,7 +225,7 @@ class _StampedSource:
 
 def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> None:
     """Positions are interpolated to the exposure, in the replay as in the run."""
-    near = (*SHORTER["insertion"], "target.position_mm=[0, 2, 20]")
+    near = ("target.position_mm=[0, 2, 20]", "obstacles=[]", "insertion.frame_every_mm=4", *ROLLS)
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, near)
     with bench(tmp_path, protocol) as at:
         rig = at.opened.rig

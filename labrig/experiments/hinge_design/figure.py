@@ -6,7 +6,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import shapely
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labrig.needle.equations import EQUATION_3, RotationPlane
@@ -19,7 +18,7 @@ _SEARCHED, _FITTED, _PAPER = "#000000", "#0072b2", "#d55e00"
 
 
 def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
-    """Draw the hinge in the view along its pin, at rest, and enlarged what the laser cuts at its stop faces.
+    """Draw the hinge in the view along its pin, at rest, with what the laser cuts.
 
     Parameters
     ----------
@@ -28,40 +27,28 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
         Of the figure, unique within its page.
     """
     outer_mm, lip_mm = hinge.tube.outer_diameter_mm / 2, hinge.lip_depth_mm
+    face_mm = 0.85 * outer_mm * np.tan(np.radians(hinge.beta_cut_deg)) - lip_mm
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 5.2), layout="constrained")
-        whole, detail = figure.subplots(1, 2)
-        for axes, title in ((whole, "The hinge along its pin"), (detail, "Its stop faces, enlarged")):
-            for link, colour in ((hinge.links.knuckle, "#b8c4ce"), (hinge.links.socket, "#e3d3b4")):
-                for part in shapely.get_parts(link):
-                    axes.fill(*part.exterior.xy, facecolor=colour, edgecolor="#333333", linewidth=0.8)
-            axes.set_title(title)
-            axes.set_aspect("equal")
-            axes.set_xlabel("mm")
-        whole.set_ylabel("along the needle (mm)")
-        whole.plot(0.0, 0.0, "+", color=_PAPER, markersize=9)
-        whole.set_xlim(-1.5 * outer_mm, 1.5 * outer_mm)
-        whole.set_ylim(-2.2 * outer_mm, 2.2 * outer_mm)
-        _point_out(whole, f"pin, R = {hinge.knuckle_radius_mm:g} mm", (0.0, 0.0), (0.0, 1.5 * outer_mm))
-        detail.set_xlim(0.15 * outer_mm, 1.15 * outer_mm)
-        detail.set_ylim(-lip_mm - 0.55 * outer_mm, -lip_mm + 0.45 * outer_mm)
+        figure = Figure(figsize=(7.2, 5.2), layout="constrained")
+        axes = figure.subplots()
+        for link, colour in ((hinge.links.knuckle, "#b8c4ce"), (hinge.links.socket, "#e3d3b4")):
+            for part in shapely.get_parts(link):
+                axes.fill(*part.exterior.xy, facecolor=colour, edgecolor="#333333", linewidth=0.8)
+        axes.set(title="The hinge along its pin", xlabel="mm", ylabel="along the needle (mm)", aspect="equal")
+        axes.set(xlim=(-1.5 * outer_mm, 1.5 * outer_mm), ylim=(-1.6 * outer_mm, 1.2 * outer_mm))
         gap = (0.5 * outer_mm, -lip_mm - hinge.clearance_mm / 2)
-        _point_out(
-            detail,
-            f"clearance {hinge.clearance_mm:g} mm",
-            gap,
-            (0.7 * outer_mm, -lip_mm - 0.35 * outer_mm),
-        )
-        face = (0.85 * outer_mm, -lip_mm + 0.85 * outer_mm * np.tan(np.radians(hinge.beta_cut_deg)))
-        words = f"inclined by {hinge.beta_cut_deg:.2f}°"
-        _point_out(detail, words, face, (0.8 * outer_mm, -lip_mm + 0.3 * outer_mm))
+        for words, place, text in (
+            (f"pin, R = {hinge.knuckle_radius_mm:g} mm", (0.0, 0.0), (0.0, 0.9 * outer_mm)),
+            (f"clearance {hinge.clearance_mm:g} mm", gap, (0.6 * outer_mm, -1.3 * outer_mm)),
+            (
+                f"inclined by {hinge.beta_cut_deg:.2f}°",
+                (0.85 * outer_mm, face_mm),
+                (outer_mm, 0.2 * outer_mm),
+            ),
+        ):
+            arrow = {"arrowstyle": "->", "linewidth": 0.8}
+            axes.annotate(words, place, text, ha="center", va="center", fontsize=8.5, arrowprops=arrow)
         return svg(figure, name)
-
-
-def _point_out(axes: Axes, words: str, place: tuple[float, float], text: tuple[float, float]) -> None:
-    """Write words into a link, with an arrow to what they are of."""
-    arrow = {"arrowstyle": "->", "linewidth": 0.8}
-    axes.annotate(words, place, text, ha="center", va="center", fontsize=8.5, arrowprops=arrow)
 
 
 def draw_hinge_figure(cells: Sequence[GridPoint], plane: RotationPlane, name: str) -> DrawnFigure:

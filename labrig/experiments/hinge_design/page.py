@@ -5,8 +5,7 @@ from pathlib import Path
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_section
 from labrig.experiments.hinge_design.protocol import DesignProtocol
-from labrig.experiments.hinge_design.result import DesignResult
-from labrig.experiments.hinge_design.summary import list_findings, list_warnings
+from labrig.experiments.hinge_design.result import DesignResult, list_findings, list_warnings
 from labrig.needle.hinge import Hinge
 from labrig.record.reader import Run
 from labrig.report.page import Page

@@ -5,7 +5,6 @@ from typing import Literal
 
 from pydantic import Field
 
-from labrig.errors import Problem
 from labrig.protocol.model import Conflict, Line, Model, Name, PositiveMm
 from labrig.protocol.sections import (
     AnalysisWindow,
@@ -57,17 +56,6 @@ class ImportProtocol(ExperimentProtocol):
         """Yield a sheath that is too narrow for the needle."""
         if self.sheath_diameter_mm is not None:
             yield from check_sheath("sheath_diameter_mm", self.sheath_diameter_mm, self.needle.diameter_mm)
-
-
-def find_problems(_protocol: ImportProtocol) -> tuple[Problem, ...]:
-    """Return why this protocol cannot be run: its pictures are recorded already."""
-    return (
-        Problem(
-            "experiment",
-            "a protocol of imported pictures moves no rig",
-            "use labrig import, then labrig reanalyze",
-        ),
-    )
 
 
 Protocol = ImportProtocol

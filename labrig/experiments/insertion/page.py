@@ -13,9 +13,8 @@ from labrig.analysis.result import AnalysisResult
 from labrig.experiments.insertion.events import InsertionRole, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.result import InsertionResult, InsertionTrial
+from labrig.experiments.insertion.result import InsertionResult, InsertionTrial, describe_sighting_noise
 from labrig.experiments.insertion.scene import Scene, make_films, read_scenes
-from labrig.experiments.insertion.summary import describe_sighting_noise
 from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke

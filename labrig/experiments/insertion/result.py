@@ -2,15 +2,25 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import pandas as pd
 
-from labrig.analysis.result import Point, Result, Sentinel, TrialOrigin, make_origin_table, tabulate
+from labrig.analysis.result import (
+    Point,
+    Result,
+    Sentinel,
+    Summary,
+    TextTable,
+    TrialOrigin,
+    make_origin_table,
+    tabulate,
+)
 from labrig.experiments.insertion.events import SeenMarker, Sighted
 from labrig.protocol.model import Model
 from labrig.steering.problem import Obstacle
 from labrig.steering.sighting_noise import SightingNoise
+from labrig.text import interval, number
 from labrig.vision.error_budget import ErrorBudget
 
 EndSource = Literal["shaft", "shaft_and_estimate", "estimate"]
@@ -18,6 +28,11 @@ EndSource = Literal["shaft", "shaft_and_estimate", "estimate"]
 
 # A target may be off along each of so many axes, an end out of the plane along one; `in_plane` is over its two already.
 _TARGET_AXES = 3
+
+_HEADS = (
+    "insertion", "outcome", "error mm", "in space mm", "by", "true error mm", "true clearance mm", "length mm",
+    "replans",
+)  # fmt: skip
 
 
 class InsertionStep(Sighted, Model):
@@ -192,3 +207,56 @@ class InsertionResult(Result):
 
 
 RunResult = InsertionResult
+
+
+def summarise(document: Mapping[str, Any]) -> Summary:
+    """Return a row for each insertion, what its interval in space consists of, and how many reached the target."""
+    trials = document["insertions"]
+    rows = tuple(
+        (
+            trial["trial"] + 1,
+            trial["outcome"].replace("_", " "),
+            number(trial["target_error_mm"]),
+            interval(trial.get("target_error_interval_mm")),
+            (trial.get("target_error_interval_by") or "-").replace("_", " "),
+            number(trial["true_target_error_mm"]),
+            number(trial["true_min_clearance_mm"]),
+            number(trial["length_mm"], 1),
+            trial["replans"],
+        )
+        for trial in trials
+    )
+    arrived = f"{document['arrived']} of {document['made']} reached the target"
+    in_plane = sum(trial["reached"] is None for trial in trials)
+    noise = describe_sighting_noise(document.get("sighting_noise"))
+    changed = not document["overrides"] and any(trial["as_recorded"] is False for trial in trials)
+    lines = (
+        "error mm: by the shaft in the last picture; in space: by that, by the estimate on the way, or by both",
+        f"{arrived}, {in_plane} in the plane only" if in_plane else arrived,
+        noise,
+        "this labrig estimates otherwise than the one that made the run, with the same settings"
+        if changed
+        else None,
+    )
+    return TextTable(_HEADS, rows), *filter(None, lines)
+
+
+def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:
+    """Return what the NIS says against the stated noise, and what to state; None where nothing is to be changed."""
+    if noise is None or noise["verdict"] == "as expected":
+        return None
+    low, high = noise["usual_nis"]
+    found = f"mean NIS {noise['mean_nis']:.2g}, usually {low:.1f} to {high:.1f}"
+    stated_mm, advised_mm = noise["stated_observation_sd_mm"], noise["advised_observation_sd_mm"]
+    if noise["verdict"] == "too small":
+        if advised_mm is None or advised_mm >= stated_mm:
+            return None
+        how = "better"
+    elif advised_mm is None or advised_mm <= stated_mm:
+        return f"{found}: the needle moves otherwise than radius_mm, backlash_mm and process_sd_deg_per_root_mm say"
+    else:
+        how = "worse"
+    return (
+        f"{found}: the tip was seen {how} than estimator.observation_sd_mm {stated_mm:g} says; "
+        f"{advised_mm:.2g} would fit"
+    )

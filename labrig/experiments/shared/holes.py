@@ -8,12 +8,9 @@ beyond its hole is not compared: needles of one sweep bend alike, side by side.
 import math
 from collections.abc import Iterator, Sequence
 
-from labrig.errors import Problem, RecordError
-from labrig.experiments.shared.needle_events import SpecimenTrialStart
-from labrig.protocol.sections import ExperimentProtocol, TrackedSpecimen
-from labrig.protocol.specimen_file import SpecimenFile, SpecimenTrack, TracksBySpecimen
-from labrig.record.layout import COPY_HINT
-from labrig.record.reader import Run
+from labrig.errors import Problem
+from labrig.protocol.sections import TrackedSpecimen
+from labrig.protocol.specimen_file import SpecimenTrack
 from labrig.text import format_count
 
 _STEP_MM = 0.5
@@ -96,38 +93,3 @@ def find_place(
         if all(_find_near(gel, start_mm + place_mm, diameter_mm) is None for place_mm in places_mm):
             return start_mm
     return None
-
-
-def list_tracks(run: Run, protocol: ExperimentProtocol) -> TracksBySpecimen:
-    """Return the tracks that a run left in blocks with a specimen file, in order of time.
-
-    Insertions that were broken off, or that a person had left out, have left a track too.
-    """
-    blocks = {gel.name: gel.block for gel in protocol.gels.values() if gel.block is not None}
-    sheath_mm = None if protocol.pictured_needle is None else protocol.pictured_needle.sheath_diameter_mm
-    starts = run.read_events(SpecimenTrialStart) if blocks else ()
-    return {
-        name: tuple(
-            SpecimenTrack(
-                run=run.path.name,
-                trial=start.trial,
-                hole=start.hole,
-                hole_position_mm=start.hole_position_mm,
-                needle_id=start.needle_id,
-                sheath_diameter_mm=sheath_mm,
-                age_h=_find_age_h(run, block, start.t_s),
-            )
-            for start in starts
-            if start.specimen == name
-        )
-        for name, block in blocks.items()
-        if sheath_mm is not None
-    }
-
-
-def _find_age_h(run: Run, specimen: SpecimenFile, t_s: float) -> float:
-    """Return the age of a specimen at a rig time of a run [h], rounded to seconds. Raises `RecordError`."""
-    moment = run.find_moment(t_s)
-    if moment is None:
-        raise RecordError(f"{run.path} does not say when it began", COPY_HINT)
-    return round(specimen.find_age_h(moment), 4)

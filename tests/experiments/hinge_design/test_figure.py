@@ -15,8 +15,7 @@ CELLS = tuple(GridPoint(d, cut, 8.0 + cut, 2.0) for d in (0.01, 0.025, 0.04) for
 def test_both_planes_are_named() -> None:
     """The legend tells our contour from equation (3)."""
     drawn = draw_hinge_figure(CELLS, EQUATION_3, "rotations")
-    assert "equation (3)" in drawn
-    assert "our contour" in drawn
+    assert ("equation (3)" in drawn, "our contour" in drawn) == (True, True)
 
 
 def test_the_section_shows_both_links_with_the_laser_between_them() -> None:

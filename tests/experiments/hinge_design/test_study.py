@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from labrig.errors import InputError
+from labrig.experiments.hinge_design.analysis import encode_design_file
 from labrig.experiments.hinge_design.result import DesignResult
-from labrig.experiments.hinge_design.study import encode_design_file
 from labrig.needle.equations import RadiusTolerance
 
 KEPT = Path(__file__).parents[2] / "records" / "design" / "analysis" / "001" / "result.json"

@@ -8,7 +8,6 @@ from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.devices.rig_file import load_rig
 from labrig.errors import FileFormatError
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from tests.devices.rigs import large_rig
@@ -54,18 +53,13 @@ def test_an_obstacle_counts_where_any_part_of_it_is_in_tissue_and_view() -> None
     assert find_problems(edge, large_rig()) == find_problems(insertion(), large_rig()) == ()
 
 
-def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("needle_id", "refused"), [("N1", 0), ("another", 1)])
+def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path, needle_id: str, refused: int) -> None:
     """A certified roll zero of this needle in the rig's state suffices; that of another needle does not."""
-    rig = large_rig(f"state_file={tmp_path / 'state.json'}")
-    protocol = insertion("roll_zero=null")
-    assert isinstance(protocol, InsertionProtocol)
-    for needle_id, refused in ((protocol.needle.needle_id, 0), ("another", 1)):
-        store = NeedleState(rig.state_path)
-        store.update(
-            referenced=("insertion", "rotation", "linear"), roll_zero=RollZero(needle_id, 0.1, 0.01, "run-1")
-        )
-        problems = [problem for problem in find_problems(protocol, rig) if problem.where == "roll_zero"]
-        assert len(problems) == refused
+    rig, zero = large_rig(f"state_file={tmp_path / 'state.json'}"), RollZero(needle_id, 0.1, 0.01, "run-1")
+    NeedleState(rig.state_path).update(referenced=("insertion", "rotation", "linear"), roll_zero=zero)
+    problems = find_problems(insertion("roll_zero=null"), rig)
+    assert sum(problem.where == "roll_zero" for problem in problems) == refused
 
 
 def test_what_nobody_measured_is_not_taken_for_nothing() -> None:
@@ -77,14 +71,6 @@ def test_what_nobody_measured_is_not_taken_for_nothing() -> None:
     for stated in ("out_of_plane.lag_sd_deg=5", "roll_zero.torsion={}"):
         where = {problem.where for problem in find_problems(insertion(stated), bench)}
         assert not any(name.startswith("out_of_plane") for name in where)
-
-
-def test_a_target_without_a_path_is_told_by_the_check() -> None:
-    """The check reports the planner's reason at the target's key."""
-    refusal = plan_of(insertion("target.position_mm=[0,25,12]"), large_rig()).refusal
-    assert refusal is not None
-    assert refusal.where == "target"
-    assert "turning circles" in refusal.message
 
 
 @pytest.mark.parametrize("template", ["null", "none.png"])
@@ -108,8 +94,11 @@ def test_values_that_mean_nothing_are_refused_at_their_key(override: str) -> Non
         insertion(override)
 
 
-def test_a_tolerance_that_one_camera_cannot_certify_is_told_beforehand() -> None:
-    """A warning names tolerance, sources, and what would help against the largest; it is no problem."""
+def test_what_the_answer_will_be_is_told_beforehand() -> None:
+    """The planner's reason at the target's key; a tolerance that one camera cannot certify is warned of with why."""
+    refusal = plan_of(insertion("target.position_mm=[0,25,12]"), large_rig()).refusal
+    assert refusal is not None
+    assert (refusal.where, "turning circles" in refusal.message) == ("target", True)
     plan = plan_of(insertion("out_of_plane.lag_sd_deg=5"), large_rig())
     assert (plan.problems, plan.refusal) == ((), None)
     (warning,) = plan.warnings

@@ -7,7 +7,8 @@ import pytest
 
 from labrig.errors import InputError
 from labrig.record.reader import open_run
-from tests.analysis.insertions import analyse, analyse_recorded, observations, record_insertion
+from tests.analysis.insertions import analyse_recorded, observations, record_insertion
+from tests.experiments.insertion.test_procedure import analyse
 
 
 def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:

@@ -12,19 +12,17 @@ from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword
 from labrig.devices.operator import ConfirmStopped
 from labrig.errors import FileFormatError
-from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.markers import FollowedMarkers
 from labrig.experiments.insertion.protocol import InsertionProtocol, Markers
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.scene import make_films
 from labrig.experiments.insertion.settings import make_insertion_settings
-from labrig.experiments.registry import find_experiment, follow_run
+from labrig.experiments.registry import follow_run
 from labrig.protocol.load import load_protocol
-from labrig.record.agreement import Verdict
 from labrig.record.reader import Run, open_run
 from labrig.report.rerun_view import write_view
-from labrig.runner.replay import replay_run
 from labrig.steering.problem import Obstacle, Surroundings
 from labrig.vision.marker import MarkerFix
 from labrig.vision.plane import PlaneMap
@@ -41,7 +39,8 @@ from tests.experiments.insertion.test_procedure import (
 )
 from tests.pages import write_page
 from tests.rerun_files import read_view
-from tests.runner.sessions import PROTOCOLS, Told, Watched, find_problems, large_bench
+from tests.runner.sessions import PROTOCOLS, Watched, find_problems, large_bench
+from tests.runner.test_pausing import require_identical
 
 BOUND = ("target.marker_id=7", "markers={side_mm: 6}")
 NEAR = ("target.position_mm=[0,-3,25]", "insertion.frame_every_mm=2")
@@ -83,13 +82,12 @@ def test_the_record_has_every_displacement_and_replays() -> None:
     assert {look["frame"] for look in events(run, "observation")} < {event["frame"] for event in seen}
     for event in seen:
         (marker,) = event["markers"]
-        assert marker["believed"]
-        assert math.hypot(*marker["displacement_mm"]) == pytest.approx(
-            event["depth_mm"] * 3 / WAY_MM, abs=0.05
+        moved_mm = math.hypot(*marker["displacement_mm"])
+        assert (marker["believed"], moved_mm) == (
+            True,
+            pytest.approx(event["depth_mm"] * 3 / WAY_MM, abs=0.05),
         )
-    experiment = find_experiment("insertion")
-    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *BOUND])
-    assert replay_run(run, experiment, protocol, Told()).verdict is Verdict.IDENTICAL
+    require_identical(run)
 
 
 def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -> None:
@@ -98,13 +96,11 @@ def test_the_analysis_measures_markers_again_and_shows_where_the_target_went() -
     result = analyze_run(run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE)
     assert isinstance(result.content, InsertionResult)
     (trial,) = result.content.insertions
-    assert trial.as_recorded
     ((moves, marker),) = trial.markers
-    assert (marker.marker_id, moves) == (7, "target")
-    assert all(step.believed for step in trial.marker_steps)
+    assert (trial.as_recorded, marker.marker_id, moves) == (True, 7, "target")
     assert math.hypot(*marker.displacement_mm) == pytest.approx(3.0, abs=0.4)
-    live = [event["markers"][0]["displacement_mm"] for event in events(run, "markers")]
-    assert [list(step.displacement_mm) for step in trial.marker_steps] == live
+    live = [(True, tuple(event["markers"][0]["displacement_mm"])) for event in events(run, "markers")]
+    assert [(step.believed, step.displacement_mm) for step in trial.marker_steps] == live
     assert trial.target_error_mm == pytest.approx(trial.true_target_error_mm, abs=0.4)
     assert trial.target_error_sources_mm is not None
     assert trial.target_error_sources_mm.target == pytest.approx(0.1)
@@ -233,31 +229,19 @@ def test_target_and_obstacles_are_planned_with_where_their_markers_are() -> None
         (("target.marker_id=50", "markers={side_mm: 6}"), "target.marker_id", "50 is not in DICT_4X4_50, whose"),
         (("target.marker_id=7", "markers={side_mm: 2}"), "markers.side_mm", "print them 3 mm large"),
         (("target.marker_id=7", "markers={side_mm: 6, x_mm: -190}"), "markers.x_mm", "state how far they are"),
+        (("target.marker_id=7",), "--set target.marker_id", "does not describe markers"),
+        (("markers={side_mm: 6}",), "--set markers", "no target and no obstacle is bound to a marker"),
     ],
 )  # fmt: skip
 def test_markers_that_cannot_be_told_are_named_before_a_run(
     overrides: tuple[str, ...], where: str, told: str
 ) -> None:
-    """An id that the dictionary lacks, bits that are too small, and a plane across which nothing is known."""
+    """What the dictionary lacks, the camera cannot tell, or nothing names, or describes."""
     beginning = [*FROM_THE_BEGINNING, *overrides]
-    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, beginning)
-    (problem,) = find_problems(protocol, large_rig())
-    assert problem.where == where
-    assert told in f"{problem.message} {problem.hint}"
-
-
-@pytest.mark.parametrize(
-    ("overrides", "told"),
-    [
-        (("target.marker_id=7",), "does not describe markers"),
-        (("markers={side_mm: 6}",), "no target and no obstacle is bound to a marker"),
-    ],
-)
-def test_a_protocol_that_contradicts_itself_about_markers_is_refused(
-    overrides: tuple[str, ...], told: str
-) -> None:
-    """An id without markers, markers that nothing names."""
-    with pytest.raises(FileFormatError) as refused:
-        insertion(*overrides)
-    (problem,) = refused.value.problems
-    assert told in f"{problem.message} {problem.hint}"
+    try:
+        protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, beginning)
+        problems = find_problems(protocol, large_rig())
+    except FileFormatError as refused:
+        problems = refused.problems
+    assert [problem.where for problem in problems] == [where]
+    assert told in f"{problems[0].message} {problems[0].hint}"

@@ -32,23 +32,22 @@ from labrig.errors import (
     TargetMissedError,
     TrialsFailedError,
 )
-from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.experiments.insertion.ending import UNSURE_STOPS
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionResult
-from labrig.experiments.registry import find_experiment, load_run_protocol
+from labrig.experiments.registry import load_run_protocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.record.agreement import Verdict
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
-from labrig.runner.dialogue import Dialogue, PauseRequests
-from labrig.runner.replay import replay_run
+from labrig.runner.dialogue import Dialogue
 from labrig.runner.session import Session
 from labrig.steering.torsion import TorsionalLag
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.devices.rigs import large_rig
 from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, large_bench
+from tests.runner.test_pausing import Asks, require_identical
 
 Words = tuple[str, ...]
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
@@ -97,21 +96,15 @@ def conduct_insertion(
         return opened.conduct(protocol)
 
 
-class AsksInTissue(PauseRequests):
-    """AsksInTissue once for a pause in tissue, when a number of steps has been made."""
+class AsksInTissue(Asks):
+    """Asks for a pause in tissue at the fourth step."""
 
-    def __init__(self, steps: int) -> None:
-        self.steps = steps
-        self.told: list[str] = []
+    steps = 4
 
     def find(self, point: str) -> str | None:
-        """Ask."""
-        self.steps -= point == "in_tissue"
-        return "Ctrl+C" if self.steps == 0 and point == "in_tissue" else None
-
-    def announce(self, when: str) -> None:
-        """Remember when the pause will begin."""
-        self.told.append(when)
+        """Ask once."""
+        self.steps -= point == self.point
+        return super().find(point) if self.steps == 0 else None
 
 
 def events(run: Run, kind: str) -> list[dict[str, Any]]:
@@ -123,6 +116,15 @@ def events(run: Run, kind: str) -> list[dict[str, Any]]:
 def truth(run: Run) -> dict[str, Any]:
     """Return the truth of the only insertion."""
     return json.loads((run.path / "truth.jsonl").read_text(encoding="utf-8").splitlines()[0])
+
+
+def analyse(run: Run, *overrides: str) -> InsertionResult:
+    """Analyse a run of insertions."""
+    result = analyze_run(
+        run, find_experiment("insertion"), overrides=overrides, workers=1, created=NOW, provenance=PROVENANCE
+    )
+    assert isinstance(result.content, InsertionResult)
+    return result.content
 
 
 @pytest.fixture(scope="module")
@@ -137,9 +139,7 @@ def test_the_target_is_reached_and_the_needle_withdrawn(arrived: tuple[Outcome, 
     outcome, run = arrived
     assert (outcome.exit_status, outcome.error) == ("success", None)
     assert truth(run)["true_target_error_mm"] < 0.3
-    last = run.states.iloc[-1]
-    assert abs(last["insertion_mm"]) < 0.05
-    assert abs(last["linear_mm"]) < 0.05
+    assert run.states.iloc[-1][["insertion_mm", "linear_mm"]].abs().max() < 0.05
 
 
 def test_between_turns_the_needle_never_stops(arrived: tuple[Outcome, Run]) -> None:
@@ -156,12 +156,7 @@ def test_between_turns_the_needle_never_stops(arrived: tuple[Outcome, Run]) -> N
 
 @pytest.mark.processors
 def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived: tuple[Outcome, Run]) -> None:
-    """Pictures are as far apart as the policy and the rig allow, and each has the needle's position at its exposure.
-
-    What is left to the next turn is cut into n equal parts of about `frame_every_mm`, n being rounded: a part is at
-    most 1.5 of them for n = 1, at most 1.25 for n >= 2. After a single part the needle stands, in the window of its
-    axis. The end of one of several parts it passes; the next reading of the states tells so, and an exposure follows.
-    """
+    """Pictures are as far apart as policy and rig allow: the way to a turn is cut into n parts, n being rounded."""
     _, run = arrived
     protocol, rig = load_run_protocol(run), large_rig()
     assert isinstance(protocol, InsertionProtocol)
@@ -242,12 +237,10 @@ def test_axes_go_back_first_the_plan_is_shown_and_a_turn_waits_for_the_lag_of_th
 
 def test_a_plan_that_the_operator_declines_is_not_carried_out(tmp_path: Path) -> None:
     """If the operator declines, the run is aborted before the needle leaves the sheath."""
-    protocol = insertion()
-    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
+    with open_certified_rig(tmp_path, insertion(), EVEN) as opened:
         opened.opened.rig.operator = Watched(opened.opened.rig.operator, declines=ConfirmPlan)
-        outcome, run = opened.conduct(protocol)
-    assert outcome.exit_status == "aborted"
-    assert isinstance(outcome.error, SafetyStopError)
+        outcome, run = opened.conduct(insertion())
+    assert (outcome.exit_status, isinstance(outcome.error, SafetyStopError)) == ("aborted", True)
     assert run.states["insertion_mm"].max() < 0.01
 
 
@@ -296,9 +289,7 @@ def test_an_insertion_that_does_not_arrive_ends_with_its_reason_and_the_needle_o
         assert events(run, "move") == []
         return
     assert list(run.trials["stop"]) == [reason]
-    made = analyze_run(run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE)
-    assert isinstance(made.content, InsertionResult)
-    assert made.content.insertions[0].as_recorded
+    assert analyse(run).insertions[0].as_recorded
     assert run.states["insertion_mm"].max() < deepest_mm
     assert run.states.iloc[-1][["insertion_mm", "linear_mm"]].abs().max() < 0.05
     assert (reason == "sheath_astray") != any(isinstance(request, ConfirmPlan) for request in watched.asked)
@@ -359,7 +350,7 @@ def test_target_and_obstacles_may_be_picked_on_a_picture_and_the_replay_is_ident
     assert stated["position_mm"] == [0.0, 10.0, 20.0]
     assert picked["position_mm"] == pytest.approx([0.0, 6.0, 18.0], abs=0.1)
     assert picked["radius_mm"] == 1.5
-    assert replay_run(run, find_experiment("insertion"), protocol, Told()).verdict is Verdict.IDENTICAL
+    require_identical(run)
 
 
 @dataclass
@@ -383,32 +374,27 @@ def test_a_wrongly_clicked_target_ends_its_insertion_and_not_the_run(tmp_path: P
     with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-3,25]")) as opened:
         opened.opened.rig.operator = MissesOnce(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
-    assert (outcome.exit_status, outcome.reason) == ("failed", "no_target")
     assert isinstance(outcome.error, TrialsFailedError)
+    assert (outcome.exit_status, outcome.reason, outcome.error.exit_code) == ("failed", "no_target", 1)
     assert "1 of 2 insertions failed; no_target: the target at y" in outcome.error.message
     assert list(run.trials["exit_status"]) == ["failed", "success"]
-    made = analyze_run(run, find_experiment("insertion"), workers=1, created=NOW, provenance=PROVENANCE)
-    assert isinstance(made.content, InsertionResult)
-    first, second = made.content.insertions
+    first, second = analyse(run).insertions
     assert (first.stop, first.reached, second.reached) == ("no_target", False, True)
 
 
 def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(tmp_path: Path) -> None:
     """The axes stop at the next step, nothing is withdrawn, the needle goes on, and the replay is identical."""
-    asks = AsksInTissue(4)
+    asks = AsksInTissue("in_tissue")
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, FROM_THE_BEGINNING)
     with large_bench(tmp_path, protocol, EVEN) as opened:
         rig = opened.opened.rig
         session = Session(rig, opened.recorder, Told(), Dialogue(asks))
         outcome = conduct(find_experiment("insertion"), protocol, session)
     run = open_run(opened.recorder.path)
-    assert (outcome.exit_status, [type(request) for request in opened.opened.person.asked]) == (
-        "success",
-        [Paused],
-    )
-    (pause,), looks = events(run, "pause"), events(run, "observation")
+    assert outcome.exit_status == "success"
+    assert [type(request) for request in opened.opened.person.asked] == [Paused]
+    (pause,), (goes_on,), looks = (events(run, kind) for kind in ("pause", "continue", "observation"))
     assert (pause["point"], pause["trial"]) == ("in_tissue", 0)
-    (goes_on,) = events(run, "continue")
     moves = [move["t_s"] for move in events(run, "move") if move["axis"] == "insertion"]
     assert min(t_s for t_s in moves if t_s > pause["t_s"]) >= goes_on["t_s"]
     stood = run.states[run.states["t_s"] > goes_on["t_s"]].iloc[0]["insertion_mm"]
@@ -417,4 +403,4 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
     assert looks[len(passed)]["depth_mm"] > stood
     assert "now, axes hold" in asks.told
     assert truth(run)["true_target_error_mm"] < 1.0
-    assert replay_run(run, find_experiment("insertion"), protocol, Told()).verdict is Verdict.IDENTICAL
+    require_identical(run)

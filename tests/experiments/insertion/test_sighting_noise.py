@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from labrig.experiments.insertion.summary import describe_sighting_noise
+from labrig.experiments.insertion.result import describe_sighting_noise
 from tests.analysis.insertions import analyse_recorded
 
 _NOISE = {

@@ -1,40 +1,30 @@
 """Virtual insertions: the steering loop against the simulated world, without pictures."""
 
 import pickle
-from functools import cache
-from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pytest
 
 from labrig.analysis.experiment import TaskOutcome
-from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.axis_positions import AxisPositions
 from labrig.errors import InputError
-from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.registry import find_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.protocol.load import load_protocol
-from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.sections import Sheath
 from labrig.runner.dry_run import simulate as run_simulation
-
-ROOT = Path(__file__).parents[3]
-
-
-def protocol(*settings: str) -> ExperimentProtocol:
-    """Return the example protocol with settings."""
-    model: Any = load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS, list(settings))
-    assert isinstance(model, ExperimentProtocol)
-    return model
+from labrig.runner.sight import TakenPicture
+from labrig.runner.virtual_rig import VirtualPhotograph
+from labrig.runner.virtual_sight import WorldSight
+from labrig.simulation.world import World
+from labrig.vision.plane import PlaneMap
+from tests.devices.rigs import large_rig
+from tests.runner.sessions import PROTOCOLS, sweep
 
 
-@cache
-def large_rig(*settings: str) -> RigDescription:
-    """Return the simulated rig with settings."""
-    return load_rig(ROOT / "calibration" / "rig-simulated.yaml", list(settings))
-
-
-def simulate(*settings: str, seed: int = 1, world: tuple[str, ...] = ()) -> TaskOutcome:
+def simulate(*settings: str, seed: int = 1) -> TaskOutcome:
     """Return what comes of a virtual insertion."""
-    return run_simulation(find_experiment("insertion"), protocol(*settings), large_rig(*world), seed)
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, settings)
+    return run_simulation(find_experiment("insertion"), protocol, large_rig(), seed)
 
 
 def test_a_seed_gives_the_same_insertion_again_and_another_seed_another() -> None:
@@ -50,4 +40,21 @@ def test_no_path_is_an_outcome_and_a_bench_without_a_world_is_refused() -> None:
     outcome = simulate("obstacles=[{position_mm: [0, 0, 40], radius_mm: 30}]", "planner.max_arcs=2")
     assert (outcome.exit_status, outcome.reason, outcome.values) == ("failed", "no_path", {})
     with pytest.raises(InputError, match="in the world of a simulated rig"):
-        run_simulation(find_experiment("insertion"), protocol(), None, 1)
+        run_simulation(find_experiment("steerability"), sweep(), None, 1)
+
+
+def test_what_is_read_off_a_picture_grows_with_the_mm_of_a_pixel() -> None:
+    """A camera that shows half as many pixels of a mm is off by twice as much, with the same noise."""
+    described = large_rig().world
+    assert described is not None
+    world, sheath = World(described, 1), Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0)
+    glance, stance = world.glance(), AxisPositions(0.0, 0.0, 15.0)
+    taken = TakenPicture(0, VirtualPhotograph(np.zeros((1, 1), np.uint8), 0.0, stance, glance=glance))
+    off_mm = []
+    for px_per_mm in (10.0, 5.0):
+        plane = PlaneMap.from_scale(px_per_mm, (320.0, 200.0), "right")
+        found = WorldSight(world, plane, np.random.default_rng(1), None).find_sheath(taken, sheath, 0)
+        assert found.tip_mm is not None
+        off_mm.append(np.array(found.tip_mm) - glance.sheath_mm[0][1:])
+    assert off_mm[1] == pytest.approx(2 * off_mm[0])
+    assert np.linalg.norm(off_mm[0]) > 0

@@ -35,40 +35,39 @@ def roll_zero(*overrides: str) -> ExperimentProtocol:
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[RollZero | None, Run]:
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[RollZero, TorsionalLag, Run]:
     """What the rig's state keeps of a needle with a known lag, and the run that measured it."""
     protocol = roll_zero()
     with large_bench(tmp_path_factory.mktemp("torsion"), protocol, TWISTED) as opened:
         outcome, run = opened.conduct(protocol)
         assert (outcome.exit_status, outcome.error) == ("success", None)
-        return opened.opened.rig.needle.recall_roll_zero("N1"), run
-
-
-def test_the_lag_is_found_at_each_depth(measured: tuple[RollZero | None, Run]) -> None:
-    """Turned to from both sides, in fresh gel, the lag is the world's within three SD, and does not shift the zero."""
-    zero, run = measured
-    holes = [(hole.hole, hole.depth_mm, hole.direction) for hole in run.read_events(TorsionHole)]
-    assert holes == [(6, 20.0, 1), (7, 20.0, -1), (8, 40.0, 1), (9, 40.0, -1)]
+        zero = opened.opened.rig.needle.recall_roll_zero("N1")
     assert zero is not None
     assert zero.torsion is not None
+    return zero, zero.torsion, run
+
+
+def test_the_lag_is_found_at_each_depth(measured: tuple[RollZero, TorsionalLag, Run]) -> None:
+    """Turned to from both sides, in fresh gel, the lag is the world's within three SD, and does not shift the zero."""
+    zero, torsion, run = measured
+    holes = [(hole.hole, hole.depth_mm, hole.direction) for hole in run.read_events(TorsionHole)]
+    assert holes == [(6, 20.0, 1), (7, 20.0, -1), (8, 40.0, 1), (9, 40.0, -1)]
     assert abs(zero.zero_rad) < 3 * zero.sd_rad
     for depth_mm in DEPTHS_MM:
         true_rad = math.radians(LAG_DEG + PER_MM_DEG * depth_mm)
-        assert abs(zero.torsion.at(depth_mm) - true_rad) < 3 * zero.torsion.find_sd_rad(depth_mm)
+        assert abs(torsion.at(depth_mm) - true_rad) < 3 * torsion.find_sd_rad(depth_mm)
 
 
-def test_the_analysis_finds_the_same_lag_and_shows_it(measured: tuple[RollZero | None, Run]) -> None:
+def test_the_analysis_finds_the_same_lag_and_shows_it(measured: tuple[RollZero, TorsionalLag, Run]) -> None:
     """The result has the live run's lag; page, table and terminal show it with its standard deviation."""
-    zero, run = measured
+    _, live, run = measured
     page = make_page(run)
     assert page.result is not None
     assert isinstance(page.result.content, RollZeroResult)
     torsion = page.result.content.torsion
-    assert zero is not None
-    assert zero.torsion is not None
     assert torsion is not None
     assert torsion.fit is not None
-    assert torsion.fit.lag.lag_rad_per_mm == pytest.approx(zero.torsion.lag_rad_per_mm, abs=1e-9)
+    assert torsion.fit.lag.lag_rad_per_mm == pytest.approx(live.lag_rad_per_mm, abs=1e-9)
     assert (page.result.path / "torsion.csv").read_text().count("\n") == 5
     sentence = str(summarise(page.result.document)[-1])
     assert "stays behind the rotation axis" in sentence

@@ -1,5 +1,7 @@
 """Insertions grouped by needle and gel, beside what a simulated world drew."""
 
+from typing import Any
+
 import pytest
 
 from labrig.experiments.shared.curvature_result import PictureResult
@@ -20,21 +22,12 @@ def _trial(number: int, specimen: str = "gel", needle_id: str = "N1") -> Specime
 
 
 def _picture(trial: SpecimenTrialStart, radius_mm: float | None, reason: str | None = None) -> PictureResult:
+    own: dict[str, Any] = trial.model_dump(
+        include={"trial", "specimen", "gelatin_percent", "hole", "needle_id"}
+    )
+    own |= {"found": radius_mm is not None, "accepted": reason is None, "reason": reason}
     return PictureResult(
-        frame=trial.trial,
-        image=f"frames/{trial.trial:06d}.png",
-        role="final",
-        trial=trial.trial,
-        specimen=trial.specimen,
-        gelatin_percent=trial.gelatin_percent,
-        hole=trial.hole,
-        needle_id=trial.needle_id,
-        insertion_mm=40.0,
-        found=radius_mm is not None,
-        accepted=reason is None,
-        reason=reason,
-        radius_mm=radius_mm,
-        radius_ci95_mm=None if radius_mm is None else (radius_mm - 0.1, radius_mm + 0.1),
+        frame=trial.trial, image="a.png", role="final", insertion_mm=40.0, radius_mm=radius_mm, **own
     )
 
 
@@ -71,11 +64,7 @@ def test_refusing_a_picture_does_not_flatter_the_error_of_the_mean() -> None:
     assert gel.error_of_mean_mm == pytest.approx(28.0 - 27.55)
     assert gel.worst_error_mm == pytest.approx(-0.05)
     (unknown,) = summarise_specimens(trials, {0: _picture(trials[0], 28.0)})
-    assert (unknown.true_mean_radius_mm, unknown.error_of_mean_mm, unknown.worst_error_mm) == (
-        None,
-        None,
-        None,
-    )
+    assert (unknown.true_mean_radius_mm, unknown.error_of_mean_mm, unknown.worst_error_mm) == (None,) * 3
 
 
 def test_the_papers_mean_is_that_of_its_four_gels() -> None:

@@ -47,11 +47,6 @@ def list_left(sweep_of: SteerabilityProtocol, begun: Sequence[AnyTrial]) -> list
     return list_remaining(list_holes(sweep_of), begun, NO_DECISIONS, again, sort_holes(sweep_of))
 
 
-def describe(sweep_of: SteerabilityProtocol, trial: Trial[Hole]) -> str:
-    """Return where a trial is."""
-    return describe_place(sweep_of, trial.number, trial.what, trial.repeats)
-
-
 def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
     """Trials are numbered through the sweep; holes are numbered within each block."""
     trials = list_planned(protocol())
@@ -103,9 +98,10 @@ def test_a_random_order_keeps_its_rest_and_repeats_last() -> None:
     left = list_left(drawn, [begin(trials[0], finished=False)])
     assert [trial.number for trial in left] == [1, 2, 6, 3, 4, 5]
     assert (left[0], left[2].repeats) == (trials[1], 0)
-    assert describe(drawn, left[0]) == f"insertion 2, hole {trials[1].what.number + 1} of 3"
-    assert describe(drawn, left[2]) == "insertion 7, hole 4 of 3 (repeats trial 1)"
-    assert describe(protocol(), list_planned(protocol())[4]) == "hole 2 of 3"
+    told = [describe_place(drawn, trial.number, trial.what, trial.repeats) for trial in (left[0], left[2])]
+    hole = trials[1].what.number + 1
+    assert told == [f"insertion 2, hole {hole} of 3", "insertion 7, hole 4 of 3 (repeats trial 1)"]
+    assert describe_place(protocol(), 4, list_planned(protocol())[4].what, None) == "hole 2 of 3"
 
 
 @pytest.mark.parametrize("order", ["sequential", "random"])
@@ -117,17 +113,18 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(
     wide = protocol("specimen_width_mm=1000", f"hole_order={order}")
     past: list[AnyTrial] = []
     used: list[Hole] = []
-    for cut in cuts:
+    for cut in (*cuts, len(list_planned(wide))):
         left = list_left(wide, past)
         past += [begin(trial, finished=number < cut) for number, trial in enumerate(left[: cut + 1])]
         used += [trial.what for trial in left[: cut + 1]]
-    used += [trial.what for trial in list_left(wide, past)]
-    past += [begin(trial, finished=True) for trial in list_left(wide, past)]
     finished = [trial for trial in past if trial.exit_status == "success"]
     assert len(finished) == len(list_planned(wide))
-    assert len({trial.start.trial for trial in past}) == len(past)
-    assert len({(hole.specimen.name, hole.position_mm) for hole in used}) == len(past)
-    assert len({(hole.specimen.name, hole.number) for hole in used}) == len(past)
+    for kept in (
+        {trial.start.trial for trial in past},
+        {(hole.specimen.name, hole.position_mm) for hole in used},
+        {(hole.specimen.name, hole.number) for hole in used},
+    ):
+        assert len(kept) == len(past)
     assert list_left(wide, past) == []
 
 

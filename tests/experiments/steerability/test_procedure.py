@@ -19,8 +19,15 @@ from labrig.devices.operator import (
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.json_lines import read_lines
 from labrig.record.reader import Run
+from labrig.report.tables import run_tables
 from labrig.runner.conduct import Outcome
-from tests.runner.sessions import Watched, bench, sweep
+from tests.runner.sessions import SHORT_WAY, Watched, bench, sweep
+from tests.runner.test_pausing import require_identical
+
+INPUTS = (
+    "axes.insertion.inputs={needle_force: {source: analog-1, unit: N, units_per_volt: 10}}",
+    "axes.linear.inputs={door: {source: general-A, expected: true}}",
+)
 
 
 @dataclass(frozen=True)
@@ -50,11 +57,12 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Swept:
 
 def test_a_sweep_ends_with_needle_and_sheath_where_they_started(swept: Swept) -> None:
     """After a success both are back at zero, the rig knows that no needle is in tissue, and progress went forward."""
-    assert (swept.outcome.exit_status, swept.outcome.error) == ("success", None)
-    assert swept.needle_in_tissue is False
-    last = swept.run.states.iloc[-1]
-    assert abs(last["insertion_mm"]) < 0.05
-    assert abs(last["linear_mm"]) < 0.05
+    assert (swept.outcome.exit_status, swept.outcome.error, swept.needle_in_tissue) == (
+        "success",
+        None,
+        False,
+    )
+    assert swept.run.states.iloc[-1][["insertion_mm", "linear_mm"]].abs().max() < 0.05
     assert swept.done == sorted(swept.done)
 
 
@@ -63,8 +71,7 @@ def test_the_record_holds_the_devices_before_and_after(swept: Swept) -> None:
     after: Any = read_lines(swept.run.path / "devices.jsonl")[-1]["devices"]
     assert set(swept.before["axes"]["rotation"]) == {"position_rad"}
     assert set(after["axes"]["rotation"]) == {"position_rad", "statusword"}
-    for snapshot in (swept.before, after):
-        assert snapshot["camera"]["exposure_us"] == 8000
+    assert swept.before["camera"]["exposure_us"] == after["camera"]["exposure_us"] == 8000
     assert abs(after["axes"]["insertion"]["position_mm"]) < 0.05
     assert after["state"]["referenced"] == ["insertion", "rotation", "linear"]
 
@@ -83,6 +90,20 @@ def test_the_operator_is_asked_in_the_order_of_the_bench(swept: Swept) -> None:
     """The operator is asked for needle, zero, specimen, and then each hole."""
     order = [MountNeedle, ConfirmAxesAtZero, PlaceSpecimen, ShiftToHole, ShiftToHole]
     assert [type(request) for request in swept.asked] == order
+
+
+def test_every_state_line_has_currents_and_inputs(tmp_path: Path) -> None:
+    """So have the tables of an export; the limits of the protocol hold; the replay is identical."""
+    protocol = sweep(*SHORT_WAY, "insertion.length_mm=5", "max_current_ma={insertion: 700}")
+    with bench(tmp_path, protocol, INPUTS) as rig:
+        outcome, run = rig.conduct(protocol)
+    assert outcome.error is None
+    states = run_tables(run, None)["states"]
+    assert {"insertion_current_ma", "rotation_current_ma", "linear_current_ma"} <= set(states)
+    assert states["insertion_current_ma"].max() == -states["insertion_current_ma"].min() == pytest.approx(60)
+    assert (states["input_needle_force_N"] == 0.0).all()
+    assert states["input_door"].all()
+    require_identical(run)
 
 
 def test_the_needle_advances_at_the_set_speed_and_is_read_ten_times_a_second(swept: Swept) -> None:

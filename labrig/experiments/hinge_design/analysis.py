@@ -22,7 +22,6 @@ from labrig.needle.design_search import (
     fit_plane,
     make_hinge_grid,
     search_design,
-    search_grid,
 )
 from labrig.needle.equations import (
     EQUATION_3,
@@ -33,6 +32,7 @@ from labrig.needle.equations import (
     rotation_for_radius_deg,
 )
 from labrig.needle.hinge import Hinge
+from labrig.needle.rotation_search import GridPoint, search_rotations
 from labrig.needle.tube import TABLE_1
 from labrig.protocol.design_file import NeedleDesign
 from labrig.record.json_lines import encode_document
@@ -95,11 +95,14 @@ def study_design(
     """
     tube, measured = protocol.tube, _describe_measured_needle(protocol)
     designed, tolerance = _design(protocol), _find_tolerance(protocol, EQUATION_3)
-    hinges = make_hinge_grid(tube, protocol.clearance_mm, protocol.grid_points)
+    hinges, cells = make_hinge_grid(tube, protocol.clearance_mm, protocol.grid_points), list[GridPoint]()
     if progress is not None:
         progress(0, len(hinges))
     with open_process_pool(workers, "searched rotations") as pool:
-        cells = search_grid(hinges, partial(map_in_order, pool), progress, protocol.seed)
+        for cell in map_in_order(pool, partial(search_rotations, seed=protocol.seed), hinges):
+            cells.append(cell)
+            if progress is not None:
+                progress(len(cells), len(hinges))
     plane = fit_plane(cells)
     if measured is not None:
         measured = measured.model_copy(update={"search_clearance_mm": _find_clearance_mm(plane, measured)})
@@ -114,7 +117,7 @@ def study_design(
         tolerance=tolerance,
         measured=measured,
         search=search,
-        cells=cells,
+        cells=tuple(cells),
     )
 
 
@@ -190,8 +193,7 @@ def _describe_measured_needle(protocol: DesignProtocol) -> MeasuredAnswer | None
         return None
     cut_deg = measured.beta_cut_deg
     if cut_deg is None:
-        asked = (tube, protocol.clearance_mm, protocol.radius_mm)
-        is_table_1 = asked == (TABLE_1.tube, TABLE_1.clearance_mm, TABLE_1.radius_mm)
+        is_table_1 = TABLE_1.is_asked(tube, protocol.clearance_mm, protocol.radius_mm)
         cut_deg = TABLE_1.beta_cut_deg if is_table_1 else _design(protocol).beta_cut_deg
     Hinge(tube, protocol.clearance_mm, cut_deg)
     beta_rot_deg = rotation_for_radius_deg(measured.radius_mm, tube.link_length_mm)

@@ -95,18 +95,11 @@ def make_problem(scenario: Scenario) -> PlanProblem:
     start = np.eye(4)
     start[:3, :3], start[:3, 3] = scenario.start.rotation, scenario.start.position_mm
     return PlanProblem(
+        **vars(scenario.needle),
+        **scenario.model_dump(include={"planar", "clearance_mm", "max_arcs", "max_length_mm"}),
         target_mm=scenario.target.position_mm,
-        obstacles=tuple(
-            Obstacle(obstacle.position_mm, obstacle.radius_mm) for obstacle in scenario.obstacles
-        ),
-        start=start,
-        radius_mm=scenario.needle.radius_mm,
-        radius_range_mm=scenario.needle.radius_range_mm,
-        diameter_mm=scenario.needle.diameter_mm,
         tolerance_mm=scenario.target.tolerance_mm,
-        clearance_mm=scenario.clearance_mm,
-        max_arcs=scenario.max_arcs,
-        max_length_mm=scenario.max_length_mm,
-        planar=scenario.planar,
+        obstacles=tuple(Obstacle(**vars(obstacle)) for obstacle in scenario.obstacles),
+        start=start,
         weights=scenario.weights,
     )

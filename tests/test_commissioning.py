@@ -17,7 +17,7 @@ from labrig.errors import (
     LimitError,
     SafetyStopError,
 )
-from labrig.runner.commissioning import home_axes, jog
+from labrig.library.commissioning import home_axes, jog
 from tests.devices import epos2_places as od
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
 from tests.runner.sessions import Watched

@@ -35,13 +35,15 @@ def check(
     from labrig.devices.axis_description import AXES
     from labrig.devices.check import check_rig
     from labrig.devices.check_result import CheckResult, CheckStatus, failed
+    from labrig.devices.clocks import SystemClock
     from labrig.devices.dead_man import try_dead_man
     from labrig.devices.rig_file import load_rig
+    from labrig.library.calibration_ages import list_calibration_ages
     from labrig.library.plugin_faults import find_plugin_faults
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
     description = load_rig(find_rig_file(rig))
-    results = check_rig(description)
+    results = [*check_rig(description), *list_calibration_ages(description, SystemClock().utc())]
     if move:
         for name in AXES:
             try:

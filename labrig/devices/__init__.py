@@ -18,8 +18,9 @@ What is decided here
 - Homing is ordered: a search needs a bare instrument, the linear module first; with a needle mounted zeros are set
   where the axes stand. Backlash stands in the rig file; moves end from one side.
 - States of all axes are of one instant, that of a SYNC. The set-up of a drive may be pinned in the rig file.
-- After any failure every axis is stopped, and standstill is read back; a halt goes to all axes before any answer is
-  awaited. A table in the tests has the outcome of each fault. A closed rig has its power stages off.
+- After any failure every axis is stopped, and standstill is read back; a halt, or a quick stop where somebody else
+  moves an axis, goes to all of them before any answer is awaited. A table in the tests has the outcome of each fault.
+  A closed rig has its power stages off.
 - Every position that is read is judged against the move that was started, and axes that nobody reads are read while
   the rig waits or asks; targets are read back in turn. This stands above the driver, and so does the watch on the bus
   for another master.

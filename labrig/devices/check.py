@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 
@@ -12,23 +11,19 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, require_calibrated_camera
-from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed, passed, warned
-from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.check import check_axis
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.needle_state import load_state
 from labrig.devices.rig_file import RigDescription, find_problems
 from labrig.errors import InputError, LabrigError, LockedError, OutputExistsError, SecondMasterError
-from labrig.text import format_count
-from labrig.vision.calibration_file import load_intrinsics, load_plane, read_creation_time
+from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import load_mask, require_size, size_of
 from labrig.vision.plane import PlaneMap
 
 _DRAW_MASK = "name a picture of the camera's size, white where no needle is, or leave mask: out"
-_OLD_DAYS = 30
 
 
 def check_rig(rig: RigDescription) -> list[CheckResult]:
@@ -41,7 +36,6 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
         *(CheckResult(each.where, CheckStatus.FAIL, each.message, each.hint) for each in problems),
         *_check_devices(rig),
         *check_calibration(rig),
-        *list_calibration_ages(rig, SystemClock().utc()),
         _check_state(rig),
     ]
 
@@ -138,22 +132,6 @@ def _describe_mask(rig: RigDescription, path: Path) -> str:
     require_size(np.zeros(size, np.uint8), size_of(masked), f"the mask {path.name}")
     share = 100.0 * float(masked.mean())
     return f"{path.name}: {share:.1f} % of the picture is not the needle"
-
-
-def list_calibration_ages(rig: RigDescription, now: datetime) -> Iterator[CheckResult]:
-    """Yield the age of each file of a rig's calibration; on a bench the camera is touched sooner or later."""
-    again = "calibrate again where the camera or its lens has been touched"
-    for name, path in rig.calibration_paths().items():
-        check = f"calibration {name.removesuffix('.json')} age"
-        if not path.is_file():
-            continue
-        if (made := read_creation_time(path)) is None:
-            yield warned(check, "when it was made is not known", again)
-            continue
-        days = (now - made).days
-        value = f"{format_count(days, 'day')}, made {made:%Y-%m-%d}"
-        is_old = rig.kind != ONLY_SIMULATED and days > _OLD_DAYS
-        yield warned(check, value, again) if is_old else passed(check, value)
 
 
 def _check_calibration_file(

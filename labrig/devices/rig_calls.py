@@ -79,8 +79,15 @@ class RigCalls(Protocol):
         """Take a picture between two readings of the axes. Raises `CameraError`, `DriveError`, `BusError`."""
 
     def check_move(self, axis_name: str, position: float, speed: float) -> None:
-        """Refuse a move that an axis may not make, before anything is sent. Raises `LimitError`."""
-        self.description.check_move(axis_name, position, speed)
+        """Refuse a move that an axis may not make [mm or rad, per s], before anything is sent.
+
+        Raises
+        ------
+        LimitError
+            Names axis, value and limit. A speed is also refused when the whole units of the drive miss it by more than
+            the tolerance; that part is left out while gear, lead or encoder are unknown.
+        """
+        dict(self.description.axes.items())[axis_name].check_move(axis_name, position, speed)
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move [mm or rad, per s] and return at once.

@@ -241,17 +241,6 @@ class RigDescription(Model):
             named |= {kept_name(name, key, path): path for key, path in axis.files.items()}
         return {name: path for name, path in named.items() if path.is_file()}
 
-    def check_move(self, axis_name: str, position: float, speed: float) -> None:
-        """Refuse a move that an axis of this rig may not make [mm or rad, per s]; nothing is opened.
-
-        Raises
-        ------
-        LimitError
-            Names axis, value and limit. A speed is also refused when integer rpm of the motor miss it by more
-            than the tolerance; that part is left out while gear, lead or encoder are unknown.
-        """
-        dict(self.axes.items())[axis_name].check_move(axis_name, position, speed)
-
 
 def kept_name(axis: str, key: str, path: Path) -> str:
     """Return the name in a record of the file that an axis names by a key."""

@@ -24,8 +24,9 @@ inputs                  inputs with limits                    at each reading   
                                                               the more often
 ======================  ====================================  =======================  ========================
 
-Whatever is found, `Rig` does the same: it posts a halt to every axis before it awaits any answer, reads back that each
-stands still, and ends what it was doing. If one may still move, or a drive is lost, nothing beats any more.
+Whatever is found, `Rig` does the same: it posts a halt to every axis before it awaits any answer (a quick stop where
+an axis strays or obeys another program), reads back that each stands still, and ends what it was doing. If one may
+still move, or a drive is lost, nothing beats any more.
 """
 
 import math
@@ -123,14 +124,9 @@ class Supervisor:
         for axis in self._axes.values():
             axis.drive.check(operational=self.has_power)
         self._heartbeat.beat()
-        if self.has_power:
-            self._look()
-
-    def _look(self) -> None:
-        """Read the axes that nobody has read of late, and look for stalls."""
-        if self._heartbeat.now_s() - self.last_s >= LOOK_S:
+        if self.has_power and self._heartbeat.now_s() - self.last_s >= LOOK_S:
             self.read(go_on=False)
-        for stall in self._stalls.values():
+        for stall in self._stalls.values() if self.has_power else ():
             stall.look(self._heartbeat.now_s())
 
     @property

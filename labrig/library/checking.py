@@ -3,7 +3,6 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from labrig.devices.check import list_calibration_ages
 from labrig.devices.check_result import CheckResult
 from labrig.devices.clocks import SystemClock
 from labrig.devices.needle_state import NeedleState
@@ -11,6 +10,7 @@ from labrig.devices.rig_file import RigDescription
 from labrig.durable import require_free_bytes
 from labrig.errors import DiskError, Problem
 from labrig.experiments.declared import find_experiment
+from labrig.library.calibration_ages import list_calibration_ages
 from labrig.library.sources import Sources
 from labrig.library.specimens import prepare_specimens
 from labrig.runner.dry_run import plan_run

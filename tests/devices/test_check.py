@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from labrig.devices.check import check_calibration, check_rig, list_calibration_ages
+from labrig.devices.check import check_calibration, check_rig
 from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.check import check_axis
@@ -16,6 +16,7 @@ from labrig.devices.drives.states import DriveState, decode_state
 from labrig.devices.exclusive import acquire_rig
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import load_rig
+from labrig.library.calibration_ages import list_calibration_ages
 from labrig.vision.calibration_file import save_intrinsics
 from labrig.vision.intrinsics import Intrinsics
 from tests.devices.rigs import BENCH, epos2_axis, large_rig, one_drive, simulated_rig

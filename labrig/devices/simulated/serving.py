@@ -15,11 +15,8 @@ from labrig.devices.simulated.slcan import SlcanAdapter
 from labrig.errors import BusError, InputError
 
 _TICK_S = 0.002
-_MOST_FRAMES = 200
-"""Frames in a round, ten times as many as a bus of 1 Mbit/s carries in a tick: a flood does not stop the drives."""
-
 _BOOT_TIME_S = 0.26
-"""Measured on a real drive, from NMT reset to boot-up frame."""
+"""Measured on a real drive, from NMT reset to boot-up frame; a client begins to wait for that after it has reset."""
 
 
 def open_bus(
@@ -97,7 +94,9 @@ class ServedDrives:
         """
         try:
             while not until():
-                self._pass_frames()
+                message = self._bus.recv(timeout=_TICK_S)
+                if message is not None:
+                    self._end.send(message)
                 for drive in self.drives.values():
                     drive.tick()
         except (can.CanError, OSError) as error:
@@ -106,11 +105,3 @@ class ServedDrives:
             for drive in self.drives.values():
                 drive.unplug()
             self._end.shutdown()
-
-    def _pass_frames(self) -> None:
-        """Wait for a frame for a tick, and pass on what has arrived, but no more than a bus could carry."""
-        message, passed = self._bus.recv(timeout=_TICK_S), 0
-        while message is not None:
-            self._end.send(message)
-            passed += 1
-            message = self._bus.recv(timeout=0) if passed < _MOST_FRAMES else None

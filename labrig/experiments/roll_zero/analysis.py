@@ -48,7 +48,7 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
         places, plane, settings, request.mask, workers=request.workers, progress=request.progress
     )
     seen = [
-        (roll_rad, lateral_offset_mm(measurement.tip_mm, _find_last_origin(line.frame, origins)))
+        (roll_rad, lateral_offset_mm(measurement.tip_mm, find_last_origin(line.frame, origins)))
         for line, measurement in zip(pictures, measured, strict=True)
         if measurement.tip_mm is not None and (roll_rad := line.rotation_rad) is not None
     ]
@@ -136,7 +136,7 @@ def _find_hole_origins(run: Run, plane: PlaneMap, sheath: Sheath) -> tuple[Trial
     return find_origins(run.read_frame, holes, plane, sheath)
 
 
-def _find_last_origin(frame: int, origins: Sequence[TrialOrigin]) -> TrialOrigin | None:
+def find_last_origin(frame: int, origins: Sequence[TrialOrigin]) -> TrialOrigin | None:
     """Return the last origin that was found before a picture."""
     return next((origin for origin in reversed(origins) if origin.frame < frame), None)
 

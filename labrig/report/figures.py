@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
@@ -238,23 +239,42 @@ def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
 
 
 def draw_lens(
-    image_size: tuple[int, int], views: Iterable[tuple[ArrayLike, ArrayLike]], rms_px: float
+    image_size: tuple[int, int],
+    views: Iterable[tuple[ArrayLike, ArrayLike]],
+    rms_px: float,
+    needle_px: ArrayLike | None = None,
 ) -> Figure:
-    """Draw the corners (N, 2) of the board in each view [px], and their residuals (N, 2), enlarged, if known."""
+    """Draw the corners (N, 2) of the board in each view [px], and their residuals (N, 2), enlarged, if known.
+
+    `needle_px` (2, 2) is a line along which the needle goes.
+    """
     width, height = image_size
     larger = 0.02 * width / max(rms_px, 1e-6)
+    seen = [[np.reshape(pixels, (-1, 2)) for pixels in view] for view in views]
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(8.4, 8.0 * height / width + 0.6), layout="constrained")
         axes = figure.subplots()
-        for index, view in enumerate(views):
-            corners_px, errors_px = (np.reshape(pixels, (-1, 2)) for pixels in view)
-            axes.plot(*corners_px.T, ".", color=mark(index).colour, markersize=3)
+        if seen:
+            hull = cv2.convexHull(np.concatenate([corners_px for corners_px, _ in seen]).astype(np.float32))
+            axes.fill(*hull[:, 0].T, facecolor="#0072b2", alpha=0.1)
+        for corners_px, errors_px in seen:
+            axes.plot(*corners_px.T, ".", color=mark(0).colour, markersize=3)
             if len(errors_px):
                 ends = np.stack((corners_px, corners_px + larger * errors_px), axis=1)
-                axes.plot(*ends.transpose(2, 1, 0), color=mark(index).colour, linewidth=0.9)
+                axes.plot(*ends.transpose(2, 1, 0), color=mark(1).colour, linewidth=0.9)
                 axes.set_title(
                     f"Corners of the board; residuals {larger:.0f} times enlarged, {rms_px:.2g} px rms"
                 )
+        if needle_px is not None:
+            start, end = np.asarray(needle_px)
+            arrow = {"arrowstyle": "->", "color": mark(1).colour, "linewidth": 2}
+            axes.annotate("", end, start, arrowprops=arrow)
+            look: dict[str, Any] = {
+                "color": mark(1).colour,
+                "fontweight": "bold",
+                "textcoords": "offset points",
+            }
+            axes.annotate("needle", start, (4, 5), **look)
         axes.set_aspect("equal")
         axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
         axes.set(xlabel="u, to the right (px)", ylabel="v, downwards (px)")

@@ -46,7 +46,7 @@ FloatArray = NDArray[np.float64]
 # Limits of an accepted map. The map must be right to 0.02 mm. So many points average out their own errors, so this
 # distance from flat limits the errors of lens and uneven paper: rms over parts of the picture, columns and rows of
 # them, in which so many points have their median. Of folded paper many points fit no plane.
-_LARGEST_OFF_MM, _PARTS, _LEAST_IN_A_PART = 0.05, (6, 4), 4
+LARGEST_OFF_MM, _PARTS, _LEAST_IN_A_PART = 0.05, (6, 4), 4
 _LARGEST_GROSS_SHARE = 0.1
 _LEAST_POINTS, _LEAST_COVERAGE = 24, 0.25
 _LARGEST_TURN_RAD = float(np.deg2rad(30.0))
@@ -491,10 +491,10 @@ def _judge(plane: PlaneMap, found: PaperPoints, fit: PlaneFit, turn_rad: float) 
             f"the paper is not flat: {round_up(100.0 * fit.gross, 1)} % of its points fit no plane, the limit is "
             f"{100.0 * _LARGEST_GROSS_SHARE:.0f} %: lay the paper flat, and take what is not paper out of the picture"
         )
-    if off_mm > _LARGEST_OFF_MM:
+    if off_mm > LARGEST_OFF_MM:
         reasons.append(
             f"the lines are {round_up(off_mm, 3)} mm off a plane, most around ({u:.0f}, {v:.0f}) px, the limit is "
-            f"{_LARGEST_OFF_MM} mm: {'' if lens else 'give the calibration of the lens, or '}lay the paper flat"
+            f"{LARGEST_OFF_MM} mm: {'' if lens else 'give the calibration of the lens, or '}lay the paper flat"
         )
     if lens is not None:
         reasons += _judge_lens(lens, fit.homography)

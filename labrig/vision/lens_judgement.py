@@ -21,8 +21,8 @@ from labrig.vision.lens_fit import LENS, Fit, Selection
 _FloatArray = NDArray[np.float64]
 
 _LEAST_TILT_SPREAD_DEG = 20.0
-_LEAST_COVERAGE = 0.35
-_LARGEST_HOLDOUT_PX = 1.0
+LEAST_COVERAGE = 0.35
+LARGEST_HOLDOUT_PX = 1.0
 # Of more bad views than this share of all, the rest is no evidence.
 _LARGEST_BAD_SHARE = 1.0 / 3.0
 # The working area is the picture inside this margin.
@@ -30,7 +30,7 @@ _WORKING_MARGIN = 0.15
 # Largest standard deviation of a length or a radius, and of the plane's distance, as shares. A distance is no length in
 # the plane: it enters with the height of the needle over it and with refraction, which change lengths by some percent,
 # so that this share of them is below the first.
-_LARGEST_EFFECT, _LARGEST_DISTANCE_EFFECT = 0.002, 0.01
+LARGEST_EFFECT, LARGEST_DISTANCE_EFFECT = 0.002, 0.01
 # Arcs by which lengths and radii are judged: radius over the picture's longer side, angle, and places on a grid.
 _ARC_RADIUS, _ARC_RAD, _ARC_PLACES = 0.2, np.deg2rad(82.0), (5, 4)
 # Columns and rows of the paper's points.
@@ -103,10 +103,10 @@ def _judge_views(found: Intrinsics, normals: _FloatArray) -> list[str]:
             f"the board's tilts differ by {round_down(spread_deg, 1)} degrees at most, {_LEAST_TILT_SPREAD_DEG:.0f} "
             "are needed: tilt it by 30 to 45 degrees, each edge towards the camera in turn"
         )
-    if coverage < _LEAST_COVERAGE:
+    if coverage < LEAST_COVERAGE:
         reasons.append(
             f"the boards cover {round_down(100.0 * coverage, 1)} % of the picture, "
-            f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: photograph the board near the picture's corners, or closer"
+            f"{100.0 * LEAST_COVERAGE:.0f} % are needed: photograph the board near the picture's corners, or closer"
         )
     return reasons
 
@@ -114,10 +114,10 @@ def _judge_views(found: Intrinsics, normals: _FloatArray) -> list[str]:
 def _judge_model(found: Intrinsics) -> list[str]:
     """Return whether the lens predicts views that were left out, and has an inverse all over the picture."""
     reasons, holdout = [], found.holdout_rms_px
-    if holdout is None or holdout > _LARGEST_HOLDOUT_PX:
+    if holdout is None or holdout > LARGEST_HOLDOUT_PX:
         known = "cannot be checked" if holdout is None else f"are predicted to {round_up(holdout, 2)} px"
         reasons.append(
-            f"views left out of the fit {known}, the limit is {_LARGEST_HOLDOUT_PX:.2f} px: "
+            f"views left out of the fit {known}, the limit is {LARGEST_HOLDOUT_PX:.2f} px: "
             "add sharp views, and check that the board is flat"
         )
     try:
@@ -137,9 +137,9 @@ def _judge_effect(found: Intrinsics) -> list[str]:
             "the views do not determine the lens: photograph the board in more poses, tilted by 45 degrees"
         ]
     limits = (
-        ("lengths in the plane", effect.length, _LARGEST_EFFECT),
-        ("radii", effect.radius, _LARGEST_EFFECT),
-        ("the distance from the camera to the plane", effect.distance, _LARGEST_DISTANCE_EFFECT),
+        ("lengths in the plane", effect.length, LARGEST_EFFECT),
+        ("radii", effect.radius, LARGEST_EFFECT),
+        ("the distance from the camera to the plane", effect.distance, LARGEST_DISTANCE_EFFECT),
     )
     return [
         f"the calibration makes {what} uncertain by {round_up(100.0 * share, 2)} %, the limit is {100.0 * most:g} %: "

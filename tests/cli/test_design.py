@@ -145,7 +145,7 @@ def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer_if_it_appl
             assert result["beta_cut_deg"] == pytest.approx(0.62, abs=0.01)
             assert load_design(file).radius_mm == 45.0
             assert "on our contour no inclination gives 7.639 degrees" in result["search"]["reason"]
-            assert page.count("on our contour no inclination gives") >= 2
+            assert "on our contour no inclination gives" in page
         else:
             assert (result["accepted"], "nothing to cut" in page) == (False, True)
 

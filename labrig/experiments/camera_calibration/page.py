@@ -1,7 +1,14 @@
 """What the page of a camera calibration run shows: how well the board covered the picture, and the paper."""
 
+import math
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.analysis.pictures import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
@@ -9,25 +16,103 @@ from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
 from labrig.report.figures import DrawnFigure, draw_lens, svg
 from labrig.report.page import Page
-from labrig.report.pictures import PLATE, photograph
+from labrig.report.pictures import PLATE, Pixel, photograph, pixel, polyline
+from labrig.vision.calibrate_plane import LARGEST_OFF_MM
+from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.lens_judgement import (
+    LARGEST_DISTANCE_EFFECT,
+    LARGEST_EFFECT,
+    LARGEST_HOLDOUT_PX,
+    LEAST_COVERAGE,
+)
+from labrig.vision.plane import PICTURE_AXES, PlaneMap
+
+FloatArray = NDArray[np.float64]
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
+
+
+# Lines of the map that are drawn over the graph paper [mm].
+_GRID_MM = 10.0
+LIMITS = {
+    "length": LARGEST_EFFECT,
+    "radius": LARGEST_EFFECT,
+    "distance": LARGEST_DISTANCE_EFFECT,
+    "holdout_px": LARGEST_HOLDOUT_PX,
+    "coverage": LEAST_COVERAGE,
+    "off_mm": LARGEST_OFF_MM,
+}
 
 
 def make_page(
     run: Run, _protocol: CameraCalibrationProtocol, result: AnalysisResult[CalibrationResult]
 ) -> Page:
     """Return the page of a calibration."""
+    content, plane = result.content, None
+    if content.plane is not None:
+        plane = load_plane(result.path / PLANE_FILE, load_intrinsics(result.path / INTRINSICS_FILE))
+    needle_px = None if plane is None else _find_needle_px(plane)
     papers = [line.frame for line in run.frame_lines if line.role == CalibrationRole.GRAPH_PAPER]
+    paper = photograph(run, papers[-1], PLATE) if papers else None
+    if paper is not None and plane is not None:
+        paper = replace(paper, lines=tuple(_draw_grid(plane)), words=_name_axes(plane))
     shown = {
         "files": sorted(file.name for file in result.path.glob("*.json")),
-        "coverage": _draw_coverage(result.content),
-        "paper": photograph(run, papers[-1], PLATE) if papers else None,
+        "coverage": _draw_coverage(content, needle_px),
+        "paper": paper,
+        "grid_mm": _GRID_MM,
+        "limits": LIMITS,
+        "known": None if plane is None or needle_px is None else _find_length_mm(plane, needle_px),
     }
     return Page(TEMPLATE, shown=shown)
 
 
-def _draw_coverage(content: CalibrationResult) -> DrawnFigure | None:
+def _find_needle_px(plane: PlaneMap) -> FloatArray:
+    """Return the line (2, 2) from the origin straight ahead to the edge of the picture."""
+    size = np.array(plane.image_size)
+    ahead = np.array(PICTURE_AXES[plane.insertion][1])
+    start = np.array(plane.origin_px)
+    return np.array((start, np.clip(start + ahead * size, 0.0, size - 1.0)))
+
+
+def _find_length_mm(plane: PlaneMap, ends_px: FloatArray) -> tuple[float, float]:
+    """Return the distance of two pixels and its standard deviation [mm], by the variations of the map."""
+    length_mm = math.dist(*plane.to_mm(ends_px).tolist())
+    others = [ends for group in plane.map_by_variants(ends_px).values() for ends in group]
+    return length_mm, math.hypot(*(math.dist(*ends.tolist()) - length_mm for ends in others))
+
+
+def _draw_grid(plane: PlaneMap) -> Iterator[tuple[str, str]]:
+    """Yield the lines of the map over the picture, in both directions, the axes last."""
+    width, height = plane.image_size or (1, 1)
+    corners_mm = plane.to_mm(np.array(((0.0, 0.0), (width, 0.0), (0.0, height), (width, height))))
+    (low_y, low_z), (high_y, high_z) = corners_mm.min(axis=0), corners_mm.max(axis=0)
+    rows = [
+        (place, np.column_stack((np.full(41, place), np.linspace(low_z, high_z, 41))))
+        for place in _GRID_MM * np.arange(math.ceil(low_y / _GRID_MM), high_y / _GRID_MM)
+    ]
+    columns = [
+        (place, np.column_stack((np.linspace(low_y, high_y, 41), np.full(41, place))))
+        for place in _GRID_MM * np.arange(math.ceil(low_z / _GRID_MM), high_z / _GRID_MM)
+    ]
+    for place, line_mm in sorted(rows + columns, key=lambda line: line[0] == 0.0):
+        yield "found" if place == 0.0 else "shaft", polyline(plane.to_px(line_mm))
+
+
+def _name_axes(plane: PlaneMap) -> list[tuple[str, Pixel]]:
+    return [
+        (words, pixel(plane.to_px([place_mm])[0]))
+        for words, place_mm in (
+            ("origin", (1.0, 1.0)),
+            ("z", (1.0, 4.5 * _GRID_MM)),
+            ("y", (1.5 * _GRID_MM, 1.0)),
+        )
+    ]
+
+
+def _draw_coverage(content: CalibrationResult, needle_px: FloatArray | None) -> DrawnFigure | None:
     """Draw where the corners of the board were seen; None without a lens."""
     lens, views = content.intrinsics, ((corners, ()) for corners in content.corners.values())
-    return None if lens is None else svg(draw_lens(lens["image_size"], views, lens["rms_px"]), "coverage")
+    if lens is None:
+        return None
+    return svg(draw_lens(lens["image_size"], views, lens["rms_px"], needle_px), "coverage")

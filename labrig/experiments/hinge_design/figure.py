@@ -1,24 +1,24 @@
-"""The hinge in section, and figure 3 of the paper, on our own contour."""
+"""The hinges in section, and figure 3 of the paper, on our own contour."""
 
-from collections.abc import Sequence
-from typing import Any
+import math
 
 import matplotlib as mpl
 import numpy as np
 import shapely
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labrig.needle.equations import EQUATION_3, RotationPlane
-from labrig.needle.hinge import Hinge
-from labrig.needle.rotation_search import GridPoint
+from labrig.experiments.hinge_design.result import DesignStudy
+from labrig.needle.hinge import Hinge, LinkPair
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
 
 # Okabe and Ito (2008).
 _SEARCHED, _FITTED, _PAPER = "#000000", "#0072b2", "#d55e00"
+_DRAWN_RADII_MM = (15, 20, 25, 30, 40, 60, 100)
 
 
 def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
-    """Draw the hinge in the view along its pin, at rest, with what the laser cuts.
+    """Draw two adjacent hinges at rest in the plane of bending, and enlarged what the laser cuts.
 
     Parameters
     ----------
@@ -26,73 +26,113 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
     name : str
         Of the figure, unique within its page.
     """
-    outer_mm, lip_mm = hinge.tube.outer_diameter_mm / 2, hinge.lip_depth_mm
-    face_mm = 0.85 * outer_mm * np.tan(np.radians(hinge.beta_cut_deg)) - lip_mm
+    outer_mm, knuckle_mm = hinge.tube.outer_diameter_mm / 2, hinge.knuckle_radius_mm
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(7.2, 5.2), layout="constrained")
-        axes = figure.subplots()
-        for link, colour in ((hinge.links.knuckle, "#b8c4ce"), (hinge.links.socket, "#e3d3b4")):
-            for part in shapely.get_parts(link):
-                axes.fill(*part.exterior.xy, facecolor=colour, edgecolor="#333333", linewidth=0.8)
-        axes.set(title="The hinge along its pin", xlabel="mm", ylabel="along the needle (mm)", aspect="equal")
-        axes.set(xlim=(-1.5 * outer_mm, 1.5 * outer_mm), ylim=(-1.6 * outer_mm, 1.2 * outer_mm))
-        gap = (0.5 * outer_mm, -lip_mm - hinge.clearance_mm / 2)
-        for words, place, text in (
-            (f"pin, R = {hinge.knuckle_radius_mm:g} mm", (0.0, 0.0), (0.0, 0.9 * outer_mm)),
-            (f"clearance {hinge.clearance_mm:g} mm", gap, (0.6 * outer_mm, -1.3 * outer_mm)),
-            (
-                f"inclined by {hinge.beta_cut_deg:.2f}°",
-                (0.85 * outer_mm, face_mm),
-                (outer_mm, 0.2 * outer_mm),
-            ),
+        figure = Figure(figsize=(9.6, 4.4), layout="constrained")
+        along, across, detail = figure.subplots(1, 3, width_ratios=(1, 1, 1.8))
+        for axes, links, title in (
+            (along, hinge.links, "Hinge a: pin towards you"),
+            (across, hinge.section(0.0), "Hinge b: pin sideways"),
+            (detail, hinge.links, "The cut of hinge a, enlarged"),
         ):
-            arrow = {"arrowstyle": "->", "linewidth": 0.8}
-            axes.annotate(words, place, text, ha="center", va="center", fontsize=8.5, arrowprops=arrow)
+            _draw_links(axes, links)
+            axes.set_title(title)
+            axes.set_xlabel("across the needle (mm)")
+        along.set_ylabel("along the needle (mm)")
+        for axes in (along, across):
+            axes.set_xlim(-1.3 * outer_mm, 1.3 * outer_mm)
+            axes.set_ylim(-2.2 * outer_mm, 2.2 * outer_mm)
+            axes.text(0.0, 1.7 * outer_mm, "socket", ha="center", fontsize=8.5)
+            axes.text(0.0, -1.8 * outer_mm, "knuckle", ha="center", fontsize=8.5)
+        along.plot(0.0, 0.0, "+", color=_PAPER, markersize=9)
+        rim_mm = knuckle_mm * np.array((math.cos(math.radians(50.0)), math.sin(math.radians(50.0))))
+        along.annotate("", rim_mm, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": _PAPER})
+        along.text(0.0, 1.05 * outer_mm, f"R = {knuckle_mm:g} mm", ha="center", fontsize=8.5, color=_PAPER)
+        across.plot([-outer_mm, outer_mm], [0.0, 0.0], "--", color=_PAPER, linewidth=0.9)
+        across.text(0.0, 0.06 * outer_mm, "pin", ha="center", fontsize=8.5, color=_PAPER)
+        _explain_cut(detail, hinge)
         return svg(figure, name)
 
 
-def draw_hinge_figure(cells: Sequence[GridPoint], plane: RotationPlane, name: str) -> DrawnFigure:
-    """Draw figure 3: the searched rotations over clearance and inclination, with both planes.
+def _draw_links(axes: Axes, links: LinkPair) -> None:
+    for link, colour in ((links.knuckle, "#b8c4ce"), (links.socket, "#e3d3b4")):
+        for part in shapely.get_parts(link):
+            axes.fill(*part.exterior.xy, facecolor=colour, edgecolor="#333333", linewidth=0.8)
+    axes.set_aspect("equal")
+
+
+def _explain_cut(axes: Axes, hinge: Hinge) -> None:
+    """Mark the clearance where it is as wide as the laser cuts, and the inclination as an angle."""
+    outer_mm, lip_mm = hinge.tube.outer_diameter_mm / 2, hinge.lip_depth_mm
+    cut_rad = math.radians(hinge.beta_cut_deg)
+    axes.set_xlim(0.15 * outer_mm, 1.55 * outer_mm)
+    axes.set_ylim(-lip_mm - 0.35 * outer_mm, -lip_mm + 0.75 * outer_mm)
+    middle_mm = hinge.knuckle_radius_mm - hinge.clearance_mm / 2
+    slot = (middle_mm * math.cos(math.radians(20.0)), -middle_mm * math.sin(math.radians(20.0)))
+    axes.annotate(
+        f"clearance {hinge.clearance_mm:g} mm",
+        slot,
+        (1.28 * outer_mm, -0.1 * outer_mm),
+        ha="center",
+        fontsize=8.5,
+        arrowprops={"arrowstyle": "->", "linewidth": 0.8},
+    )
+    # The face is the square line at the height of the lips, turned about the pin; they meet here.
+    corner = np.array((lip_mm * math.tan(cut_rad / 2), -lip_mm))
+    for angle_rad in (0.0, cut_rad):
+        end = corner + 1.2 * outer_mm * np.array((math.cos(angle_rad), math.sin(angle_rad)))
+        axes.plot(*np.transpose((corner, end)), "--", color=_PAPER, linewidth=0.9)
+    turn_rad = np.linspace(0.0, cut_rad, 20)
+    arc = corner + 1.12 * outer_mm * np.column_stack((np.cos(turn_rad), np.sin(turn_rad)))
+    axes.plot(*arc.T, color=_PAPER, linewidth=1.4)
+    axes.text(
+        1.24 * outer_mm,
+        -lip_mm + 0.02 * outer_mm,
+        f"{hinge.beta_cut_deg:.2f}°",
+        fontsize=8.5,
+        color=_PAPER,
+    )
+
+
+def draw_hinge_figure(study: DesignStudy, name: str) -> DrawnFigure:
+    """Draw figure 3 in the plane: the rotation over the clearance for three inclinations, and the design.
 
     Parameters
     ----------
-    cells : sequence of GridPoint
-        The searched grid.
-    plane : RotationPlane
-        Fitted to it.
+    study : DesignStudy
     name : str
         Of the figure, unique within its page.
     """
-    clearances_mm, cuts_deg = np.meshgrid(
-        sorted({cell.clearance_mm for cell in cells}), sorted({cell.beta_cut_deg for cell in cells})
-    )
+    cuts_deg = sorted({cell.beta_cut_deg for cell in study.cells})
+    clearances_mm = np.array(sorted({cell.clearance_mm for cell in study.cells}))
+    factor = 2.0 * math.degrees(study.tube.link_length_mm)
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(7.2, 4.8), layout="constrained")
-        axes: Any = figure.add_subplot(projection="3d")  # for which matplotlib has no types
-        axes.set_title("Rotation of two adjacent hinges")
-        for colour, shown, words in ((_FITTED, plane, "our contour"), (_PAPER, EQUATION_3, "equation (3)")):
-            heights_deg = shown.a * cuts_deg + shown.b * clearances_mm + shown.c
-            axes.plot_wireframe(clearances_mm, cuts_deg, heights_deg, color=colour, linewidth=0.8)
-            axes.plot([], [], [], color=colour, label=f"{words}: {_format_formula(shown)}")
-        axes.scatter(
-            [cell.clearance_mm for cell in cells],
-            [cell.beta_cut_deg for cell in cells],
-            [cell.beta_rot_deg for cell in cells],
-            color=_SEARCHED,
-            s=14,
-            depthshade=False,
-            label="searched on our contour",
+        figure = Figure(figsize=(9.6, 4.6), layout="constrained")
+        axes = figure.subplots()
+        lines = (
+            (study.search.fit, _FITTED, "-", "our contour"),
+            (study.equation_3, _PAPER, "--", "equation (3)"),
         )
-        axes.locator_params(axis="x", nbins=4)
-        axes.set_xlabel("clearance (mm)", labelpad=8)
-        axes.set_ylabel("inclination (°)")
-        axes.set_zlabel("rotation (°)")
-        axes.view_init(elev=20, azim=-125)
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02))
+        for cut_deg in (cuts_deg[0], cuts_deg[len(cuts_deg) // 2], cuts_deg[-1]):
+            for plane, colour, style, words in lines:
+                turns_deg = [plane.beta_rot_deg(cut_deg, clearance_mm) for clearance_mm in clearances_mm]
+                label = words if cut_deg == cuts_deg[0] else None
+                axes.plot(clearances_mm, turns_deg, style, color=colour, linewidth=1.1, label=label)
+            found = [
+                (cell.clearance_mm, cell.beta_rot_deg) for cell in study.cells if cell.beta_cut_deg == cut_deg
+            ]
+            axes.plot(*np.transpose(found), "o", color=_SEARCHED, markersize=3.5)
+            axes.annotate(f"     cut at {cut_deg:.3g}°", max(found), va="center", fontsize=8.5)
+        axes.plot([], [], "o", color=_SEARCHED, markersize=3.5, label="searched on our contour")
+        axes.plot(
+            study.clearance_mm, study.beta_rot_deg, "*", color="#009e73", markersize=13, label="this design"
+        )
+        axes.set_xmargin(0.12)
+        axes.set(xlabel="clearance (mm)", ylabel="Rotation of two adjacent hinges (degrees)")
+        radius = axes.secondary_yaxis("right", functions=(lambda v: factor / np.maximum(v, 0.1),) * 2)
+        radius.set_ylabel("radius (mm)")
+        low_deg, high_deg = axes.get_ylim()
+        radius.set_yticks([mm for mm in _DRAWN_RADII_MM if low_deg < factor / mm < high_deg])
+        axes.grid(visible=True)
+        axes.legend(loc="upper left")
         return svg(figure, name)
-
-
-def _format_formula(plane: RotationPlane) -> str:
-    sign = "−" if plane.c < 0 else "+"
-    formula = f"{plane.a:.2f} × inclination + {plane.b:.0f} × clearance {sign} {abs(plane.c):.3f}"
-    return f"{formula}, RMSE {plane.rmse_deg:.3f}°"

@@ -14,13 +14,15 @@ TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
 
 def make_page(_run: Run, _protocol: DesignProtocol, result: AnalysisResult[DesignResult]) -> Page:
-    """Return the page of a design: both answers, the hinge if our contour has an answer, and figure 3."""
-    content, cut_deg = result.content, result.content.search.beta_cut_deg
+    """Return the page of a design: both answers, the hinge if there is one to cut, and figure 3."""
+    content = result.content
+    answer = content if content.basis == "equation (3)" else content.search
+    cut_deg = answer.beta_cut_deg
     hinge = None if cut_deg is None else Hinge(content.tube, content.clearance_mm, cut_deg)
     shown = {
-        "sentences": list_findings(content),
+        "sentences": list(list_findings(content)),
         "section": None if hinge is None else draw_section(hinge, "section"),
-        "figure": draw_hinge_figure(content.cells, content.search.fit, "rotations"),
+        "figure": draw_hinge_figure(content, "rotations"),
         "warnings": list(list_warnings(content))[:-1],
     }
     return Page(TEMPLATE, shown=shown)

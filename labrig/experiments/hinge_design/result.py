@@ -98,33 +98,59 @@ def summarise(document: Mapping[str, Any]) -> Summary:
 
 def list_findings(study: DesignStudy) -> Iterator[str]:
     """Yield the answers in sentences."""
-    search = study.search
-    ours = search.reason or f"our own contour for {number(search.beta_cut_deg, 2)}"
-    yield (
-        f"For a radius of {number(study.radius_mm, 2)} mm two hinges turn {number(study.beta_rot_deg, 2)} degrees. "
-        f"At a clearance of {study.clearance_mm:g} mm equation (3) asks for an inclination of "
-        f"{number(study.beta_cut_deg, 2)} degrees, {ours}."
-    )
+    search, wanted = study.search, f"for a radius of {study.radius_mm:g} mm"
+    if study.basis == "equation (3)":
+        yield (
+            f"Cut at an inclination of {number(study.beta_cut_deg, 2)} degrees, with a clearance of "
+            f"{study.clearance_mm:g} mm, {wanted} (equation 3 of the paper)."
+        )
+        yield _tell_tolerance(study.tolerance)
+        yield (
+            f"Two adjacent hinges turn {number(study.beta_rot_deg, 2)} degrees together. "
+            + (f"There is no second answer: {search.reason}" if search.reason else _tell_contour(search))
+            + "."
+        )
+    elif search.reason is None and search.tolerance is not None:
+        yield (
+            f"{_tell_contour(search)}, {wanted} with a clearance of {study.clearance_mm:g} mm; equation (3), which "
+            f"was fitted to another tube, for {number(study.beta_cut_deg, 2)} degrees."
+        )
+        yield _tell_tolerance(search.tolerance)
+    else:
+        yield f"There is nothing to cut {wanted}: {search.reason}."
     if study.is_table_1:
         yield (
             f"Table I prints {TABLE_1.beta_cut_deg} degrees; equation (3) solved for it gives "
-            f"{number(study.beta_cut_deg, 2)}."
+            f"{number(study.beta_cut_deg, 2)}, and the text does not say why."
         )
     if study.measured is not None:
         measured = study.measured
         yield (
-            f"Measured {number(measured.radius_mm, 2)} mm means {number(measured.beta_rot_deg, 2)} degrees; cut at "
-            f"{number(measured.beta_cut_deg, 2)} degrees, a clearance of {number(measured.clearance_mm, 4)} mm by "
-            f"equation (3), {number(measured.search_clearance_mm, 4)} mm by our contour."
+            f"Measured: a radius of {number(measured.radius_mm, 2)} mm, which is a rotation of "
+            f"{number(measured.beta_rot_deg, 2)} degrees. Cut at {number(measured.beta_cut_deg, 2)} degrees, that "
+            f"takes an effective clearance of {number(measured.clearance_mm, 4)} mm by equation (3), "
+            f"{number(measured.search_clearance_mm, 4)} mm by our contour."
         )
+
+
+def _tell_contour(search: Searched) -> str:
+    return f"Our own contour, which is not for cutting, asks for {number(search.beta_cut_deg, 2)} degrees"
+
+
+def _tell_tolerance(tolerance: RadiusTolerance) -> str:
+    """Return how the radius answers to the laser's errors."""
+    high_mm = "more" if tolerance.high_mm is None else number(tolerance.high_mm, 2)
+    return (
+        f"A micrometre more of clearance makes the radius {number(-0.001 * tolerance.per_clearance, 2)} mm smaller, a "
+        f"tenth of a degree more {number(-0.1 * tolerance.per_degree_mm, 2)} mm: within the tolerances of the laser "
+        f"it is {number(tolerance.low_mm, 2)} to {high_mm} mm."
+    )
 
 
 def list_warnings(study: DesignStudy) -> Iterator[str]:
     """Yield what limits the answers."""
     if not study.tube.is_papers:
         yield "Equation (3) was fitted to a tube of 1.2 and 0.7 mm; for this one only our contour was searched."
-    if study.search.reason is not None:
-        yield f"No answer of our own: {study.search.reason}."
     if study.search.inside_grid is False:
         yield f"The inclination is beyond the searched grid, which ends at {STEEPEST_CUT_DEG:g} degrees."
     yield "Our contour is not the paper's, whose figure 2 is not in its text: it shows trends, and is not for cutting."

@@ -47,9 +47,11 @@ def test_lens_and_plane_are_found_and_written(run: Run, analysed: tuple[Calibrat
     assert found is not None
     assert lens.board_warp is not None
     page = write_page(run, found, NOW).read_text(encoding="utf-8")
-    assert lens.board_warp.sentence() in page
+    assert f"± {1000 * lens.board_warp.sigma_row_mm:.1f}\u00a0µm over their ends" in page
+    assert "is known to <b>0.0" in page
+    assert "labrig calibrate adopt" in page
     assert content.plane is not None
-    assert content.plane["view"] in page
+    assert f"the camera stands {content.plane['camera_distance_mm']:.0f}\u00a0mm away" in page
     assert content.corners.keys() == {view["image"] for view in content.intrinsics["views"] if view["used"]}
     assert {len(pixels) for pixels in content.corners.values()} == {54}
     assert read_camera(folder / "plane.json").settings == {"pixel_format": "GREY", "focus": 0}

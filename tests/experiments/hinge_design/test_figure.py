@@ -1,21 +1,33 @@
 """The hinge in section, and figure 3."""
 
+import json
+
 import numpy as np
 import pytest
 
 from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_section
-from labrig.needle.equations import EQUATION_3
+from labrig.experiments.hinge_design.result import DesignStudy
 from labrig.needle.hinge import Hinge
-from labrig.needle.rotation_search import GridPoint
 from labrig.protocol.design_file import PAPER_TUBE
+from tests.cli.conftest import ROOT
 
-CELLS = tuple(GridPoint(d, cut, 8.0 + cut, 2.0) for d in (0.01, 0.025, 0.04) for cut in (0.0, 4.0, 8.0))
+KEPT = ROOT / "tests" / "records" / "design" / "analysis" / "001" / "result.json"
 
 
-def test_both_planes_are_named() -> None:
-    """The legend tells our contour from equation (3)."""
-    drawn = draw_hinge_figure(CELLS, EQUATION_3, "rotations")
-    assert ("equation (3)" in drawn, "our contour" in drawn) == (True, True)
+def test_the_design_stands_among_both_planes_with_its_radius() -> None:
+    """The legend tells our contour from equation (3); the star is the design, and the right axis tells radii."""
+    document = json.loads(KEPT.read_text())
+    study = DesignStudy.model_validate(
+        {key: document[key] for key in DesignStudy.model_fields if key in document}, strict=False
+    )
+    drawn = draw_hinge_figure(study, "rotations")
+    for words in ("equation (3)", "our contour", "this design", "radius (mm)"):
+        assert words in drawn
+    (axes,) = drawn.figure.axes
+    star = next(line for line in axes.lines if line.get_marker() == "*")
+    assert (*star.get_xdata(), *star.get_ydata()) == pytest.approx((0.025, 11.46), abs=0.005)
+    (radius,) = axes.child_axes
+    assert radius.yaxis.get_transform().inverted().transform(30.0) == pytest.approx(11.46, abs=0.005)
 
 
 def test_the_section_shows_both_links_with_the_laser_between_them() -> None:

@@ -112,11 +112,7 @@ def _find_later(
     """Return what comes of a fault that is found when the next picture is taken, or the next line written."""
     found = _fails(error, words, lost=Lost.NONE)
     later = replace(found, found_in_tissue=in_tissue)
-    return {
-        Phase.IDLE: later,
-        Phase.MOVING: found,
-        Phase.HOMING: replace(later, stop=Stop.NO_DEADLINE),
-    }
+    return {Phase.IDLE: later, Phase.MOVING: found, Phase.HOMING: replace(later, stop=Stop.NO_DEADLINE)}
 
 
 def _aborts(error: type[LabrigError], words: str) -> FaultOutcome:

@@ -71,8 +71,7 @@ def test_a_rate_is_a_fraction_of_integers(rate_hz: float, taken: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "words"),
-    [((0, 0), "no picture"), ((64, 48), "expected 64x48"), ((48, 64, 3, 1), "shape")],
+    ("shape", "words"), [((0, 0), "no picture"), ((64, 48), "expected 64x48"), ((48, 64, 3, 1), "shape")]
 )
 def test_a_picture_of_another_format_is_refused(shape: tuple[int, ...], words: str) -> None:
     """No picture, another size and another shape are refused."""
@@ -124,10 +123,7 @@ def test_stamps_of_another_clock_are_not_used(*, stamps: bool, offset_s: float) 
     assert abs(frame.t_s - (capture.exposed_s - BEGAN_S)) <= (frame.t_bound_s or 0.0) + 1e-5
 
 
-@pytest.mark.parametrize(
-    ("queued", "into_period", "older_s"),
-    [(100, 0.52, "2.818"), (5, 0.95, "0.003")],
-)
+@pytest.mark.parametrize(("queued", "into_period", "older_s"), [(100, 0.52, "2.818"), (5, 0.95, "0.003")])
 def test_a_picture_that_began_before_its_command_is_refused(
     queued: int, into_period: float, older_s: str
 ) -> None:

@@ -17,15 +17,7 @@ from labrig.devices.drives.objects import Place
 from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmUnguarded
 from labrig.errors import BusError, DriveError, SecondMasterError
-from tests.devices.rigs import (
-    HEARTBEAT,
-    OneDrive,
-    Person,
-    instants,
-    one_drive,
-    opened_rig,
-    ready_rig,
-)
+from tests.devices.rigs import HEARTBEAT, OneDrive, Person, instants, one_drive, opened_rig, ready_rig
 from tests.devices.served import bench_description, bench_rig, served_drives
 from tests.devices.wire_faults import abort_next, send_as_other
 

@@ -59,10 +59,7 @@ def _fault(one: OneDrive) -> DriveFaultError:
 
 @pytest.mark.parametrize(
     ("code", "revision", "model"),
-    [
-        (0x61200000, 0x21010000, "EPOS2 Module 36/2"),
-        (0x64200000, 0x21260000, "EPOS2 70/10"),
-    ],
+    [(0x61200000, 0x21010000, "EPOS2 Module 36/2"), (0x64200000, 0x21260000, "EPOS2 70/10")],
 )
 def test_a_known_type_of_an_epos2_is_accepted(code: int, revision: int, model: str) -> None:
     """The last digit of the hardware version, its revision, does not matter."""
@@ -225,11 +222,7 @@ def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("velocity", "acceleration"),
-    [
-        ("0.001 rpm", "0.1 rpm/s"),
-        ("0.0001 turns/s", "0.01 turns/s^2"),
-        ("counts/s", "10 counts/s^2"),
-    ],
+    [("0.001 rpm", "0.1 rpm/s"), ("0.0001 turns/s", "0.01 turns/s^2"), ("counts/s", "10 counts/s^2")],
 )
 def test_stated_units_make_the_same_motion(velocity: str, acceleration: str, tmp_path: Path) -> None:
     """2 mm at 0.5 mm/s take the same time in any units of the drive."""

@@ -375,6 +375,7 @@ def test_a_drive_whose_mapping_is_refused_midway_is_read_by_sdo() -> None:
     """It sends no report then, and labrig asks for each value."""
     with one_drive() as bench:
         last = co.TPDO_MAPS[2][3]
+        bench.drive.objects.values[co.TRANSMIT_PDO_COB_IDS[2]] = 0x381
         bench.drive.objects.refuse = lambda place: 0x06040041 if place == last else None
         bench.get_ready()
         assert bench.drive.objects.value(co.TRANSMIT_PDO_COB_IDS[2]) & co.PDO_INVALID

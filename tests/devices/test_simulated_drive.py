@@ -173,10 +173,12 @@ def test_an_error_takes_power_at_once_or_brakes_first(
 
 def test_a_scripted_fault_waits_for_its_time_and_for_the_axis() -> None:
     """It occurs after `at_s` and only while the axis moves; the drive's journal has the instant."""
-    rig = simulated_rig("faults=[{fault: boot-up, axis: insertion, at_s: 1, once: moving}]")
+    timed = "{fault: emergency, axis: linear, code: 0x2310, at_s: 1.5}"
+    rig = simulated_rig(f"faults=[{{fault: boot-up, axis: insertion, at_s: 1, once: moving}}, {timed}]")
     assert rig.world is not None
     hardware = SimulatedHardware(rig, rig.world, seed=1)
     hardware.clock.sleep(2.0)
+    assert instants(hardware.drives["linear"], "emergency") == [pytest.approx(1.5)]
     assert len(hardware.faults.waiting) == 1
     drive = hardware.drives["insertion"]
     drive.objects.put(co.TARGET_POSITION, 100_000)

@@ -259,7 +259,12 @@ def test_each_phantom_draws_with_the_described_spread(draw: Callable[[int], floa
 
 def test_layers_bend_the_needle_at_their_own_radius() -> None:
     """Between two layers the path turns by length over the radius of each; plain gel beside has no layers."""
-    world = _phantom(layers=[{"until_mm": 15, "radius_scale": 0.8}, {"until_mm": 25, "radius_scale": 1.2}])
+    layers = [{"until_mm": 15, "radius_scale": 0.8}, {"until_mm": 25, "radius_scale": 1.2}]
+    plain = [before_gel(layers=those, lens=SMALL_LENS) for those in ([], layers)]
+    for world in plain:
+        world.advance(40.0, 0.0, 15.0)
+    assert plain[0].tip_mm() == plain[1].tip_mm()
+    world = _phantom(layers=layers)
     world.advance(40.0, 0.0, 15.0)
     line = centre_line_mm(world, 2001)
     headings = np.arctan2(*np.diff(line, axis=0).T)

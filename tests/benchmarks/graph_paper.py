@@ -9,7 +9,7 @@ import os
 import statistics
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from labrig.errors import CalibrationRefusedError
 from labrig.vision.calibrate_plane import calibrate_plane
 from tests.benchmarks.table import print_rows
-from tests.vision.renderer import Picture, Sheet, draw_shop_sheet
+from tests.vision.renderer import INKS, PAPERS, Camera, Photo, Picture, Sheet
 
 SHEETS = int(os.environ.get("LABRIG_BENCHMARK_SHEETS", "300"))
 FIRST_SEED = 700_000
@@ -40,6 +40,44 @@ class Outcome:
     error: float | None
     time_s: float
     reason: str
+
+
+def draw_shop_sheet(seed: int, band: tuple[float, float], ruling: str, on_bench: bool) -> Sheet:
+    """Return a sheet as shops sell them, before a focussed camera, at random over a band of scales [px/mm].
+
+    A sheet on a bench does not fill the picture: one to three of its edges lie in it.
+    """
+    random = np.random.default_rng(seed)
+    focal_px = random.uniform(1000.0, 2200.0)
+    centre_px = (640.0 + random.uniform(-15, 15), 360.0 + random.uniform(-15, 15))
+    distortion = (random.uniform(-0.25, 0.05), random.uniform(0.0, 0.06), 0.0, 0.0, 0.0)
+    low, high = band
+    if ruling == "5":
+        high = max(min(high, 14.0), low)
+    px_per_mm = np.exp(random.uniform(np.log(low), np.log(high)))
+    tilt_deg, towards_deg, roll_deg = random.uniform((0.0, 0.0, -25.0), (25.0, 360.0, 25.0)).tolist()
+    camera = Camera(
+        (1280, 720), focal_px, centre_px, distortion, focal_px / px_per_mm, tilt_deg, towards_deg, roll_deg
+    )
+    right, down, width_mm, density, blur_px, noise, uneven, fall = random.uniform(
+        (0.0, 0.0, 0.1, 0.35, 0.4, 1.0, 0.0, 0.0), (10.0, 10.0, 0.25, 0.8, 0.9, 4.0, 0.9, 0.5)
+    ).tolist()
+    grey = bool(random.random() < 0.2)
+    photo = Photo(0.4 * uneven, 0.6 * uneven, fall / 1.3, None, blur_px, 0.0, noise, grey, seed)
+    ink, paper = str(random.choice(list(INKS))), str(random.choice(list(PAPERS)))
+    margin_mm, behind = float(random.choice([0.0, 3.0, 10.0])), random.uniform(10.0, 100.0)
+    sheet = Sheet(
+        ruling, camera, photo, (right, down), ink, paper, width_mm, density, None, margin_mm, behind
+    )
+    sheet = replace(sheet, samples=4)
+    if not on_bench:
+        return sheet
+    width, height = (length / 2 for length in camera.picture_size_mm())
+    sides = [-10.0 * width, -10.0 * width, 10.0 * width, 10.0 * width]
+    for side in random.permutation(4)[: random.integers(1, 4)]:
+        half = height if side % 2 else width
+        sides[side] = (-1.0 if side < 2 else 1.0) * half * random.uniform(0.5, 0.9)
+    return replace(sheet, extent_mm=(sides[0], sides[1], sides[2], sides[3]))
 
 
 def choose_sheet(number: int) -> tuple[int, Sheet]:

@@ -4,8 +4,7 @@
 observer went through the frames twice, in two shuffled orders and with other crops, the second time without the marks
 of the first, both before labrig measured these frames again. A mark is where the darkness of the shaft has faded by
 half. The two marks of a frame are apart by 0.54 px (median), 1.22 px (95 %) and 1.58 px (worst): 0.10, 0.22 and
-0.28 mm. The forty marks of `marks/real_insertion_tips.csv`, made earlier and apart from these, lie 0.28 mm (median)
-and 0.56 mm (worst) from their mean, most of them deeper: they follow a bevel further into its fade.
+0.28 mm.
 
 The needles are nearly straight: these frames test the tip and no radius.
 """

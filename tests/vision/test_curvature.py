@@ -27,7 +27,7 @@ NEEDLE = Needle(ramp_mm=3.0)
 GEL = Gel(NEEDLE)
 PLANE = GEL.camera.plane_map()
 SETTINGS = CurvatureSettings()
-PICTURES = 24
+PICTURES = 16
 
 
 def measure(needle=NEEDLE, seed=1, settings=SETTINGS, mask=None, **gel):

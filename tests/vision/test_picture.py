@@ -30,17 +30,12 @@ def test_reads_pixels_as_they_were_saved(tmp_path):
         assert np.array_equal(read, kept)
 
 
-def exif(orientation, order):
-    """Return EXIF data with this orientation, of either byte order."""
-    start = b"MM\x00*" if order == ">" else b"II*\x00"
-    entry = struct.pack(f"{order}HHIHH", 0x0112, 3, 1, orientation, 0)
-    return start + struct.pack(f"{order}IH", 8, 1) + entry + bytes(4)
-
-
 def save_oriented(path, image, orientation, order):
-    """Return the path of a JPEG or PNG with an EXIF orientation."""
+    """Return the path of a JPEG or PNG with an EXIF orientation, of either byte order."""
     plain = save(path, image).read_bytes()
-    tags = exif(orientation, order)
+    tags = (b"MM\x00*" if order == ">" else b"II*\x00") + struct.pack(
+        f"{order}IHHHIHHI", 8, 1, 0x0112, 3, 1, orientation, 0, 0
+    )
     if path.suffix == ".jpg":
         body = b"Exif\x00\x00" + tags
         path.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + plain[2:])
@@ -60,15 +55,6 @@ def test_refuses_a_picture_that_is_to_be_shown_turned(suffix, order, tmp_path):
     assert "without that mark" in caught.value.hint
     upright = save_oriented(tmp_path / f"upright.{suffix}", GREY, 1, order)
     assert size_of(read_picture(upright)) == (40, 30)
-
-
-def test_malformed_marks_of_orientation_turn_nothing(tmp_path):
-    """A directory of tags that points outside the file is ignored, and the picture is read."""
-    path = save(tmp_path / "picture.jpg", GREY)
-    plain = path.read_bytes()
-    body = b"Exif\x00\x00MM\x00*" + struct.pack(">I", 2**31)
-    path.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + plain[2:])
-    assert size_of(read_picture(path)) == (40, 30)
 
 
 @pytest.mark.parametrize(
@@ -101,23 +87,12 @@ def test_refuses_what_is_no_file_and_sixteen_bits(tmp_path):
             read_picture(tmp_path / name)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
-def test_refuses_a_picture_of_too_many_pixels_undecoded(suffix, tmp_path):
+def test_refuses_a_picture_of_too_many_pixels_undecoded(tmp_path):
     """A small file can state a huge size; the header is read before memory is taken."""
-    path = save(tmp_path / f"bomb{suffix}", GREY)
+    path = save(tmp_path / "bomb.png", GREY)
     data = bytearray(path.read_bytes())
-    if suffix == ".png":
-        data[16:24] = struct.pack(">II", 30_000, 30_000)
-        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
-    elif suffix == ".jpg":
-        start = data.index(b"\xff\xc0")
-        data[start + 5 : start + 9] = struct.pack(">HH", 30_000, 30_000)
-    elif suffix == ".bmp":
-        data[18:26] = struct.pack("<ii", 30_000, -30_000)
-    else:
-        for tag in (0x100, 0x101):
-            start = data.index(struct.pack("<HHI", tag, 3, 1))
-            data[start + 8 : start + 10] = struct.pack("<H", 30_000)
+    data[16:24] = struct.pack(">II", 30_000, 30_000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
     path.write_bytes(data)
     with pytest.raises(PictureError, match="30000 x 30000 pixels, at most 67108864 are read"):
         read_picture(path)

@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,14 +12,11 @@ from hypothesis import strategies as st
 
 from labrig.errors import CalibrationRefusedError, InputError, PictureError
 from labrig.vision.calibrate_plane import calibrate_plane, fit_plane
-from labrig.vision.circle import fit_circle
 from labrig.vision.gel import Gel
 from labrig.vision.paper import find_paper
-from labrig.vision.picture import read_picture
 from labrig.vision.plane import PlaneMap
 from tests.vision.renderer import FRAMES, Camera, Photo, Sheet
 
-PHOTOGRAPHS = Path(__file__).parents[2].parent / "shared" / "data" / "ruled_paper"
 ORIGIN = (100.3, 200.7)
 DIRECTIONS = tuple(FRAMES)
 LENS = (-0.12, 0.03, 5e-4, -3e-4, 0.0)
@@ -295,25 +291,6 @@ def test_refuses_impossible_frames(pitch, origin, insertion, message):
         calibrate(SMALL, picture=cv2.resize(picture_of(SMALL), (240, 160)), origin=(50.0, 50.0))
 
 
-@pytest.mark.parametrize(
-    ("name", "flat", "holdout_mm"),
-    [("ecg00026.jpg", True, 0.35), ("ecg00040.jpg", True, 0.2), ("ecg00031.jpg", False, 1.0)],
-)
-def test_hand_held_photographs_are_numbered_and_judged(name, flat, holdout_mm):
-    """Under pen traces and printed dots the grid is found and numbered in millimetres; the folded sheet is not flat."""
-    if not PHOTOGRAPHS.is_dir():
-        pytest.skip(f"the photographs of ruled paper are not at {PHOTOGRAPHS}")
-    plane = calibrate_plane(
-        read_picture(PHOTOGRAPHS / name), None, 1.0, (600.0, 250.0), "right", px_per_mm=5.0
-    )
-    assert plane.points > 400
-    # Five millimetres are about 22 pixels in all three.
-    assert plane.mm_per_px == pytest.approx(5.0 / 22.0, rel=0.1)
-    assert plane.holdout_rms_mm < holdout_mm
-    assert not plane.accepted
-    assert any("not flat" in reason for reason in plane.reasons) != flat
-
-
 def trace_ray(camera, mm, index, above_mm, surface_mm):
     """Return where the ray through a paper point (y, z) [mm] ends up, by vectors and Snell's law in three dimensions.
 
@@ -345,19 +322,6 @@ def test_refraction_is_snell_s(paper_at, surface_mm):
     assert len(plane.to_json()["assumptions"]) == 3
 
 
-@pytest.mark.parametrize(("paper_at", "low", "high"), [("needle", -0.55, -0.09), ("surface", 0.26, 1.57)])
-def test_refraction_moves_the_radius_by_what_was_measured(paper_at, low, high):
-    """For r = 28 mm the correction undoes +0.09 to +0.55 mm (paper at the needle), -0.26 to -1.57 mm (on the gel)."""
-    plane = calibrate(SMALL)
-    scale = 300.0 / plane.camera_mm()[2]
-    corrected = calibrate(SMALL, gel=Gel(index=1.35, depth_mm=12.0 / scale, paper_at=paper_at))
-    turn = np.linspace(0.0, 1.4, 60)
-    arc = 28.0 / scale * np.column_stack((np.sin(turn) - 0.5, 1.0 - np.cos(turn) + 0.5))
-    before = fit_circle(arc, robust=False).radius
-    after = fit_circle(corrected.to_mm(plane.to_px(arc)), robust=False).radius
-    assert low <= scale * (after - before) <= high
-
-
 def test_refuses_a_gel_that_reaches_the_camera_and_one_before_an_unknown_camera():
     """A depth in another unit is refused, because the camera's height is known; without a lens it is not."""
     with pytest.raises(
@@ -374,17 +338,15 @@ def test_stated_uncertainty_is_the_observed_one():
     cells = np.array([(row, column) for row in range(30) for column in range(40)])
     blocks = cells[:, 0] // 5 * 8 + cells[:, 1] // 5
     ends = np.array([(120.0, 120.0), (680.0, 480.0)])
+
+    def length(homography):
+        return np.linalg.norm(np.subtract(*cv2.perspectiveTransform(ends[None], homography)[0]))
+
     lengths, stated = [], []
-    for _ in range(40):
+    for _ in range(30):
         off = random.normal(0.0, 0.1, (48, 2))[blocks] + random.normal(0.0, 0.1, cells.shape)
         fit = fit_plane(20.0 * cells + off, cells.astype(float), 0.25)
-        lengths.append(length(fit.homography, ends))
+        lengths.append(length(fit.homography))
         others, _ = fit.leave_out(blocks[fit.kept])
-        stated.append(np.linalg.norm([length(other, ends) - lengths[-1] for other in others]))
+        stated.append(np.linalg.norm([length(other) - lengths[-1] for other in others]))
     assert 0.7 < np.std(lengths, ddof=1) / np.mean(stated) < 1.4
-
-
-def length(homography, ends):
-    """Return the distance of two pixels through a homography [mm]."""
-    points = cv2.perspectiveTransform(ends[None], homography)[0]
-    return float(np.linalg.norm(points[1] - points[0]))

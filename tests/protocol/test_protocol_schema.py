@@ -1,5 +1,6 @@
 """The JSON Schema that editors and error messages read."""
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,18 +31,6 @@ def every_property(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]
             yield f"{name}.{key}", {**target, **field}
 
 
-def every_reference(node: Any) -> Iterator[str]:
-    """Yield each $ref below a node."""
-    if isinstance(node, dict):
-        if "$ref" in node:
-            yield node["$ref"]
-        for child in node.values():
-            yield from every_reference(child)
-    elif isinstance(node, list):
-        for child in node:
-            yield from every_reference(child)
-
-
 def test_the_committed_schema_is_current():
     """Editors check against what the code accepts."""
     assert COMMITTED.read_text(encoding="utf-8") == schema_text(protocol_schema(PROTOCOL_MODELS)), (
@@ -62,7 +51,7 @@ def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():
 def test_every_reference_resolves_and_every_section_is_closed():
     """An editor can follow the schema and marks unknown keys."""
     schema: Any = protocol_schema(PROTOCOL_MODELS)
-    assert {reference.rsplit("/", 1)[1] for reference in every_reference(schema)} == set(schema["$defs"])
+    assert set(re.findall(r'"\$ref": "#/\$defs/(\w+)"', json.dumps(schema))) == set(schema["$defs"])
     assert all(section["additionalProperties"] is False for section in schema["$defs"].values())
 
 

@@ -111,11 +111,8 @@ def test_the_lateral_reach_never_exceeds_the_length_or_the_diameter_of_the_circl
 @given(st.integers(1, 40), st.floats(1.5, 40.0), st.floats(10.0, 400.0))
 def test_a_block_is_accepted_exactly_if_its_holes_and_the_last_arc_fit(count, spacing_mm, width_mm):
     """The rule is the geometry, at every size."""
-    overrides = [
-        f"insertions_per_specimen={count}",
-        f"hole_spacing_mm={spacing_mm!r}",
-        f"specimen_width_mm={width_mm!r}",
-    ]
+    values = {"insertions_per_specimen": count, "hole_spacing_mm": spacing_mm, "specimen_width_mm": width_mm}
+    overrides = [f"{key}={value!r}" for key, value in values.items()]
     fits = (count - 1) * spacing_mm <= width_mm - STEERABILITY.lateral_reach_mm
     with nullcontext() if fits else pytest.raises(FileFormatError, match="sideways"):
         load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS, overrides)

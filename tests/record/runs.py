@@ -26,20 +26,10 @@ CAN_FRAMES = [(0.0, 0x601, bytes([0x40, 0x41, 0x60, 0, 0, 0, 0, 0]), "T"), (0.00
 
 def begin(runs_dir: Path, name: str = "run", store: Store = "png", **manifest: object) -> Recorder:
     """Begin a run with two calibration files."""
-    return Recorder.create(
-        runs_dir,
-        name,
-        {
-            "experiment": "import",
-            "title": "Größe",
-            "started": STARTED.isoformat(),
-            "trials_planned": 3,
-            "seed": 7,
-        }
-        | manifest,
-        opening_files(PROTOCOL_YAML, "world: {}\n", {"intrinsics.json": b'{"fx": 1.0}', "plane.json": b"{}"}),
-        picture_store=store,
-    )
+    calibration = {"intrinsics.json": b'{"fx": 1.0}', "plane.json": b"{}"}
+    known = {"experiment": "import", "title": "Größe", "started": STARTED.isoformat(), "trials_planned": 3}
+    files = opening_files(PROTOCOL_YAML, "world: {}\n", calibration)
+    return Recorder.create(runs_dir, name, {**known, "seed": 7, **manifest}, files, picture_store=store)
 
 
 def picture(number: int, shape: tuple[int, ...] = (24, 32)) -> NDArray[np.uint8]:
@@ -55,10 +45,9 @@ def fill(recorder: Recorder, trials: int = 2) -> None:
         recorder.event("trial_start", start_s, trial=trial, specimen="gel 10", hole=trial)
         for step in range(3):
             recorder.state(start_s + step, insertion_mm=np.float64(step) / 3, statusword=np.int64(0x0237))
-        recorder.frame(picture(2 * trial), start_s + 3, trial=trial, role="advance", insertion_mm=1.0)
-        final = recorder.frame(
-            picture(2 * trial + 1), start_s + 4, trial=trial, role="final", insertion_mm=2.0
-        )
+        for step, role in enumerate(("advance", "final")):
+            shown = {"trial": trial, "role": role, "insertion_mm": 1.0 + step}
+            final = recorder.frame(picture(2 * trial + step), start_s + 3 + step, **shown)
         recorder.truth(trial=trial, radius_mm=27.5 + trial, tip_mm=np.array([1.0, 2.0]))
         recorder.event("trial_stop", start_s + 5, trial=trial, exit_status="success", final_frame=final)
     recorder.event("run_stop", 10.0 * trials)

@@ -16,16 +16,10 @@ from labrig.record.notes import annotate_run
 from tests.record.runs import ENDED, add_result, begin, closed_run, fill, interrupted_run
 
 FIELDS: dict[str, Any] = {
-    "exit_status": ["success"],
-    "operator": ["Chen Yang"],
-    "started": ["2026-03-02T09:30:00+00:00"],
-    "seed": [7],
-    "provenance.git_dirty": [False],
-    "reason": [None],
-    "protocol.specimens.gelatin_percent": [10.0, 13.0],
-    "protocol.needle.diameter_mm": [1.2],
-    "result.mean_radius_mm": [27.6],
-}
+    "exit_status": ["success"], "operator": ["Chen Yang"], "started": ["2026-03-02T09:30:00+00:00"], "seed": [7],
+    "provenance.git_dirty": [False], "reason": [None], "protocol.specimens.gelatin_percent": [10.0, 13.0],
+    "protocol.needle.diameter_mm": [1.2], "result.mean_radius_mm": [27.6],
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -100,10 +94,9 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 @pytest.fixture
 def runs_dir(tmp_path: Path) -> Path:
     """Return a folder of four runs: closed, tagged and measured, interrupted, and damaged."""
-    closed_run(tmp_path, "first", started="2026-03-01T08:00:00+00:00", protocol={"gel": {"percent": 10}})
-    second = closed_run(
-        tmp_path, "second", started="2026-03-02T08:00:00+00:00", protocol={"gel": {"percent": 13}}
-    )
+    told: Any = [{"started": f"2026-03-0{n}T08:00:00+00:00", "protocol": {"gel": {"percent": n}}} for n in (1, 2)]
+    closed_run(tmp_path, "first", **told[0])
+    second = closed_run(tmp_path, "second", **told[1])
     add_result(second, b'{"mean_radius_mm": 27.5, "measurements": [{"radius_mm": 1}]}')
     annotate_run(second, tags=["pilot"], note="it slipped", verdict="doubtful", by="me")
     interrupted_run(tmp_path, "third")
@@ -127,17 +120,16 @@ def test_runs_are_listed_newest_first_and_damaged_last(runs_dir: Path) -> None:
         list_runs(runs_dir / "file")
 
 
-def names(found: list[Any]) -> list[str]:
-    """Return the names of found runs."""
-    return [summary.run.name for summary in found]
-
-
 def test_runs_are_found_by_manifest_protocol_notes_and_result(runs_dir: Path) -> None:
     """Fields of the newest result are read only when one is asked for."""
-    assert names(list_runs(runs_dir, "protocol.gel.percent>=13")) == ["second"]
-    assert names(list_runs(runs_dir, "tag=pilot and note~SLIP and verdict=doubtful")) == ["second"]
-    assert names(list_runs(runs_dir, "exit_status!=success")) == ["third", "damaged"]
-    assert names(list_runs(runs_dir, "mean_radius_mm>27")) == ["second"]
+
+    def find(where):
+        return [summary.run.name for summary in list_runs(runs_dir, where)]
+
+    assert find("protocol.gel.percent>=2") == ["second"]
+    assert find("tag=pilot and note~SLIP and verdict=doubtful") == ["second"]
+    assert find("exit_status!=success") == ["third", "damaged"]
+    assert find("mean_radius_mm>27") == ["second"]
     with pytest.raises(InputError, match="no run has a field 'radius_mm'"):
         list_runs(runs_dir, "radius_mm=1")
 

@@ -46,10 +46,8 @@ def record(recorder: Recorder, *events: Event) -> Path:
 
 def test_a_line_has_the_fields_of_its_model_in_their_order(tmp_path: Path) -> None:
     """Kind, time, then the fields; one without a default is always written, None as null, a default is left out."""
-    start, stop = (
-        GelStart(trial=0, specimen="gel 10", hole=2),
-        GelStop(trial=0, exit_status="failed", sd_mm=None),
-    )
+    start = GelStart(trial=0, specimen="gel 10", hole=2)
+    stop = GelStop(trial=0, exit_status="failed", sd_mm=None)
     fault = Fault("bus-lost", 0x8100, 0x10, "no communication")
     run = record(begin(tmp_path), start, stop, RunStop(exit_status="failed", reason="lost", fault=fault))
     started, stopped, _ = (run / "events.jsonl").read_text().splitlines()

@@ -13,7 +13,7 @@ from tests.record.runs import ENDED, begin
 
 
 def test_each_line_is_read_once_and_a_torn_one_when_it_is_whole(tmp_path: Path) -> None:
-    """A follower gets what was added since, never half a line, and knows when nobody writes any more."""
+    """A follower gets what was added since, never half a line, and knows when nobody writes; no JSON is refused."""
     recorder = begin(tmp_path)
     growing = GrowingRun(recorder.path)
     assert not growing.read_new()
@@ -32,6 +32,9 @@ def test_each_line_is_read_once_and_a_torn_one_when_it_is_whole(tmp_path: Path) 
     assert not growing.read_new()
     events.write_bytes(whole + whole)
     assert len(growing.read_new().events) == 1
+    events.write_bytes(whole.replace(b"{", b"["))
+    with pytest.raises(RecordError, match=r"cannot read .*events\.jsonl: Expecting"):
+        GrowingRun(recorder.path).read_new()
     events.write_bytes(whole)
 
     assert not growing.has_ended()
@@ -51,13 +54,3 @@ def test_a_run_is_followed_to_the_last_line_that_was_written_before_its_end(tmp_
     recorder.event("run_stop", 1.0, exit_status="success")
     recorder.close("success", "", ENDED)
     assert [len(lines.events) for lines in followed] == [1, 0]
-
-
-def test_a_damaged_line_is_named(tmp_path: Path) -> None:
-    """A line that is no JSON is refused."""
-    recorder = begin(tmp_path)
-    recorder.event("run_start", 0.0, experiment="steerability")
-    events = recorder.path / "events.jsonl"
-    events.write_bytes(events.read_bytes().replace(b"{", b"["))
-    with pytest.raises(RecordError, match=r"cannot read .*events\.jsonl: Expecting"):
-        GrowingRun(recorder.path).read_new()

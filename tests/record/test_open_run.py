@@ -13,7 +13,7 @@ from labrig.record.json_lines import encode_line, read_lines
 from labrig.record.reader import open_run
 from labrig.record.results import finish_result, new_result_dir
 from labrig.record.writer import reopen_run
-from tests.record.runs import add_result, begin, closed_run, flip_bit, interrupted_run, picture
+from tests.record.runs import ENDED, add_result, begin, closed_run, flip_bit, interrupted_run, picture
 
 
 def test_a_closed_run_gives_back_what_was_recorded(tmp_path: Path) -> None:
@@ -133,11 +133,11 @@ def test_a_run_that_goes_on_keeps_its_time(tmp_path: Path) -> None:
     """Rig time goes on from the next whole second; devices of each session are kept."""
     recorder = begin(tmp_path, devices={"rig": "a"})
     recorder.state(3.2)
-    recorder.close("aborted", "SIGINT", recorder_ended := pd.Timestamp("2026-03-02T10:00Z").to_pydatetime())
+    recorder.close("aborted", "SIGINT", ENDED)
     again = reopen_run(recorder.path, "labrig resume")
-    assert again.begin_session(recorder_ended, devices={"rig": "b"}, provenance={}) == 4.0
+    assert again.begin_session(ENDED, devices={"rig": "b"}, provenance={}) == 4.0
     again.state(0.5)
-    again.close("success", "", recorder_ended, devices_after={"rig": "c"})
+    again.close("success", "", ENDED, devices_after={"rig": "c"})
     run = open_run(recorder.path)
     assert list(run.states["t_s"]) == [3.2, 4.5]
     assert run.devices == {"rig": "a"}
@@ -150,7 +150,7 @@ def test_a_damaged_run_does_not_go_on(tmp_path: Path) -> None:
     """Nothing of it is changed, and its lock is free."""
     recorder = begin(tmp_path)
     recorder.frame(picture(0), 0.0)
-    recorder.close("aborted", "", pd.Timestamp("2026-03-02T10:00Z").to_pydatetime())
+    recorder.close("aborted", "", ENDED)
     flip_bit(recorder.path / "frames" / "000000.png")
     for _ in range(2):
         with pytest.raises(RecordError, match=r"is damaged: frames/000000\.png"):

@@ -31,16 +31,12 @@ def test_the_same_kernels_are_no_change() -> None:
 @pytest.mark.parametrize(
     ("other", "change"),
     [
-        (
-            {"blas_numpy": "openblas SkylakeX", "blas_scipy": "openblas SkylakeX"},
-            "made with blas openblas SkylakeX, and this is blas openblas Haswell",
-        ),
-        (
-            {"model": "Xeon", "numpy": "X86_V2"},
-            "made with model Xeon and numpy X86_V2, and this is model EPYC and numpy X86_V2 X86_V3",
-        ),
+        ({"blas_numpy": "openblas SkylakeX", "blas_scipy": "openblas SkylakeX"},
+         "made with blas openblas SkylakeX, and this is blas openblas Haswell"),
+        ({"model": "Xeon", "numpy": "X86_V2"},
+         "made with model Xeon and numpy X86_V2, and this is model EPYC and numpy X86_V2 X86_V3"),
     ],
-)
+)  # fmt: skip
 def test_a_change_is_told_in_one_sentence(other: Mapping[str, str], change: str) -> None:
     """It names what differs, once, with both."""
     assert describe_change({**HERE, **other}, HERE) == change

@@ -28,9 +28,8 @@ from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, begin, closed_run, 
 
 def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     """Before anything moves, the run says what it is, of what it is made, and that it is incomplete."""
-    recorder = begin(
-        tmp_path, operator="ß", devices={"camera": {"gain": np.float64(1)}}, provenance={"host": "h"}
-    )
+    devices = {"camera": {"gain": np.float64(1)}}
+    recorder = begin(tmp_path, operator="ß", devices=devices, provenance={"host": "h"})
     names = {str(path.relative_to(recorder.path)) for path in recorder.path.rglob("*") if path.is_file()}
     assert names == {
         ".lock", ".lock.owner", ".reserve", "manifest.json", "protocol.yaml", "rig.yaml", "SHA256SUMS",

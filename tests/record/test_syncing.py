@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 from threading import Event
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,31 +14,28 @@ from tests.record.runs import begin
 
 
 class Disk:
-    """Pictures with a line each, as many as were written and as many as are durable."""
+    """How many pictures with a line each were written, and how many of either are durable."""
 
     def __init__(self) -> None:
         self.written, self.durable = 0, {"pictures": 0, "lines": 0}
-        self.meanwhile: Callable[[], None] = lambda: None
+        self.meanwhile: Callable[[], object] = lambda: None
 
+    def part(self, name: str) -> Any:
+        """Return its pictures, or its lines; `meanwhile` happens while the disk makes them durable."""
 
-class Part:
-    """Its pictures, or its lines."""
+        def sync() -> None:
+            reached = self.written
+            self.meanwhile()
+            self.durable[name] = reached
 
-    def __init__(self, disk: Disk, name: str) -> None:
-        self.disk, self.name = disk, name
-
-    def sync(self) -> None:
-        """Make what was written before durable; `meanwhile` happens while the disk is at it."""
-        reached = self.disk.written
-        self.disk.meanwhile()
-        self.disk.durable[self.name] = reached
+        return SimpleNamespace(sync=sync)
 
 
 def record_on(disk: Disk, runs_dir: Path) -> Recorder:
     """Return the record of a run on a disk that tells what is durable."""
-    recorder: Any = begin(runs_dir)
-    recorder._pictures = Part(disk, "pictures")
-    recorder._lines = {name: Part(disk, "lines") for name in ("states.jsonl", "frames.jsonl", "can.log")}
+    recorder = begin(runs_dir)
+    recorder._pictures = disk.part("pictures")
+    recorder._lines = {name: disk.part("lines") for name in ("states.jsonl", "frames.jsonl", "can.log")}
     return recorder
 
 

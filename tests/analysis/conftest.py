@@ -12,7 +12,7 @@ from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, record_sweep
 
-SWEEP = SyntheticSweep(without_needle=frozenset({3}))
+SWEEP = SyntheticSweep({"gel A": (28.0, 28.6), "=gel B": (27.0, 27.4)}, without_needle=frozenset({3}))
 
 
 @dataclass(frozen=True)

@@ -58,13 +58,11 @@ def write_measured_run(
                 recorder.event("mark_bad", 60.0 * trial + 55.0, trial=trial, reason=(bad or {})[trial])
     recorder.close("success", "", ENDED)
     if result:
-        _add_result(recorder.path, rows, settings or {}, overrides)
+        _add_result(recorder.path, rows, settings=settings or {}, overrides=list(overrides))
     return recorder.path
 
 
-def _add_result(
-    run: Path, rows: Sequence[Sequence[object]], settings: Mapping[str, object], overrides: Sequence[str]
-) -> None:
+def _add_result(run: Path, rows: Sequence[Sequence[object]], **document: object) -> None:
     """Write a result with its table."""
     folder = new_result_dir(run)
     text = io.StringIO()
@@ -73,6 +71,6 @@ def _add_result(
     columns = [{"name": name, "unit": None} for name in COLUMNS]
     listed = {"measurements": {"file": "measurements.csv", "columns": columns, "rows": len(rows)}}
     (folder / "tables.json").write_text(json.dumps(listed), encoding="utf-8")
-    document = {"settings": dict(settings), "overrides": list(overrides), "not_in_interval": ["surface"]}
+    document["not_in_interval"] = ["surface"]
     (folder / "result.json").write_text(json.dumps(document), encoding="utf-8")
     finish_result(folder)

@@ -32,10 +32,8 @@ DRIVE = {
     "rpm_per_speed": 120.0,
     "drive": {"hardware_version": 0x6220, "software_version": 0x2110},
 }
-DEVICES = {
-    "axes": {"insertion": DRIVE},
-    "camera": {"asked": {"exposure_s": 0.01}, "readback": {"exposure_s": 0.01}},
-}
+EXPOSURE = {"exposure_s": 0.01}
+DEVICES = {"axes": {"insertion": DRIVE}, "camera": {"asked": EXPOSURE, "readback": EXPOSURE}}
 PROVENANCE = {"labrig": "0.1.0", "git_commit": None, "git_dirty": False, "packages": {"numpy": "2"}}
 _ANALYSIS = "{window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_sigma_mm: 0.5}"
 
@@ -114,42 +112,36 @@ sheath: {{depth_mm: 15, speed_mm_s: 5, diameter_mm: 2.0}}
 insertion: {{length_mm: 40, speed_mm_s: 1, withdraw_speed_mm_s: 5, frame_every_mm: 20}}
 analysis: {_ANALYSIS}
 """
-    more = {
-        "operator": sweep.operator,
-        "seed": 7,
-        "trials_planned": insertions * len(specimens),
-        "devices": DEVICES,
-    }
-    recorder = _create(folder, "run", text, plane_file(folder) if sweep.plane else None, **more)
-    trials = [
-        (name, hole, radius) for name, radii in sweep.radii_mm.items() for hole, radius in enumerate(radii)
-    ]
-    for trial, (name, hole, radius_mm) in enumerate(trials):
-        place: dict[str, object] = {"specimen": name, "gelatin_percent": specimens[name], "hole": hole}
-        _record_trial(recorder, sweep, trial, place, radius_mm)
+    planned = {"seed": 7, "trials_planned": insertions * len(specimens), "devices": DEVICES}
+    plane = plane_file(folder) if sweep.plane else None
+    recorder = _create(folder, "run", text, plane, operator=sweep.operator, **planned)
+    trial = 0
+    for name, radii_mm in sweep.radii_mm.items():
+        for hole, radius_mm in enumerate(radii_mm):
+            place: dict[str, object] = {"specimen": name, "gelatin_percent": specimens[name], "hole": hole}
+            _record_trial(recorder, sweep, trial, place, radius_mm)
+            trial += 1
     return _close(recorder, sweep.exit_status)
 
 
 def _record_trial(
     recorder: Recorder, sweep: SyntheticSweep, trial: int, place: dict[str, object], radius_mm: float
 ) -> None:
-    t_s = 60.0 * trial
+    t_s, specimen = 60.0 * trial, place["specimen"]
     recorder.event("trial_start", t_s, trial=trial, needle_id="N1", hole_position_mm=10.0, **place)
     drawn = None if trial in sweep.without_needle else radius_mm
     axes = {"rotation_rad": 0.0, "linear_mm": 15.0}
     recorder.frame(needle_picture(None), t_s, trial=trial, role="sheath", insertion_mm=0.0, **axes)
-    for length_mm in ADVANCE_MM:
-        picture = needle_picture(drawn, length_mm, trial)
-        recorder.frame(picture, t_s + length_mm, trial=trial, role="advance", insertion_mm=length_mm, **axes)
+    for length_mm in (*ADVANCE_MM, LENGTH_MM)[: 2 if trial in sweep.without_final else 3]:
+        role, seed = ("final", 100 + trial) if length_mm == LENGTH_MM else ("advance", trial)
+        place = {"trial": trial, "role": role, "insertion_mm": length_mm}
+        last = recorder.frame(needle_picture(drawn, length_mm, seed), t_s + length_mm, **place, **axes)
         recorder.state(t_s + length_mm, insertion_mm=length_mm, **axes)
     if trial in sweep.without_final:
         return
-    picture = needle_picture(drawn, LENGTH_MM, 100 + trial)
-    final = recorder.frame(picture, t_s + 40, trial=trial, role="final", insertion_mm=40.0, **axes)
-    recorder.state(t_s + 40, insertion_mm=40.0, **axes)
     if sweep.truth:
-        recorder.truth(trial=trial, specimen=place["specimen"], radius_mm=radius_mm)
-    recorder.event("trial_stop", t_s + 50, trial=trial, exit_status="success", final_frame=final)
+        recorder.truth(trial=trial, specimen=specimen, radius_mm=radius_mm)
+    recorder.event("trial_stop", t_s + 50, trial=trial, exit_status="success", final_frame=last)
 
 
 def abort_sweep(sweep: SyntheticSweep) -> SyntheticSweep:

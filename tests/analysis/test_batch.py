@@ -3,9 +3,9 @@
 import platform
 import shutil
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -65,10 +65,11 @@ def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
     assert all(isinstance(outcome, FileFormatError) and outcome.problems for outcome in outcomes)
 
 
-class _FarExecutor(Executor):
-    """Does what is submitted where the manifest of a run is not."""
+class _FarPool(Pool):
+    """A worker on a computer that does not have the manifest of a run."""
 
     def __init__(self, run: Path) -> None:
+        super().__init__("analysed runs", cast("Any", self))
         self._run = run
 
     def submit(self, call: Callable[..., Any], /, *given: Any, **named: Any) -> "Future[Any]":
@@ -81,10 +82,6 @@ class _FarExecutor(Executor):
             future.set_exception(error)
         away.rename(self._run / MANIFEST)
         return future
-
-
-class _FarPool(Pool):
-    """A worker on a computer that does not have a run."""
 
     def count_workers(self) -> int:
         return 1
@@ -99,7 +96,7 @@ class _FarPool(Pool):
 def test_a_worker_that_does_not_see_a_run_ends_the_analysis(tmp_path: Path) -> None:
     """Its pictures would be called missing: the worker's computer and the run are named; it gets no result."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
-    far = _FarPool("analysed runs", _FarExecutor(runs[0]))
+    far = _FarPool(runs[0])
     with pytest.raises(WorkersError, match=rf"{platform.node()} does not see {runs[0]}"):
         list(analyze_runs(runs, find_run_experiment, far, created=NOW, provenance=PROVENANCE))
     assert [path.name for path in (runs[0] / "analysis").iterdir()] == ["001"]

@@ -29,11 +29,9 @@ ROOT = Path(__file__).parents[2]
 FIRST = ROOT / "tests" / "records" / "steerability"
 
 _LOOPBACK = {
-    "host": "127.0.0.1",
-    "dashboard_address": "127.0.0.1:0",
-    "scheduler_kwargs": {"dashboard": False},
+    "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False},
     "worker_dashboard_address": None,
-}
+}  # fmt: skip
 
 
 def square(task: int) -> int:

@@ -3,7 +3,9 @@
 import math
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from labrig.analysis.comparison import ComparedRuns, compare_runs
@@ -58,36 +60,22 @@ def test_a_shared_error_stays_in_a_mean_and_cancels_in_a_difference_of_one_calib
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})
     b = write_measured_run(tmp_path, "b", {SOFT: (28.1, 28.3)}, needle_id="N2", plane=b'{"other": 1}')
     compared = _compare(a, b).comparison
-    soft = compared.groups[0].shared_sigma
-    assert soft is not None
-    assert soft["surface"] is None
-    assert [soft[name] for name in ("lens", "plane", "roll")] == pytest.approx(
-        [SIGMAS_MM[name] for name in ("lens", "plane", "roll")]
-    )
+    parts: list[Any] = [compared.groups[0], *compared.pairs[:2]]
+    soft, in_one_run, across = (part.shared_sigma for part in parts)
+    known = ("lens", "plane", "surface", "roll")
+    assert [soft[name] for name in known] == [pytest.approx(SIGMAS_MM[name]) for name in known]
     assert soft["total"] == pytest.approx(math.sqrt(0.03**2 + 0.04**2 + 0.12**2 + 0.01**2))
-    in_one_run, across = compared.pairs[0].shared_sigma, compared.pairs[1].shared_sigma
-    assert in_one_run is not None
-    assert across is not None
-    assert in_one_run["total"] == pytest.approx(0.0, abs=1e-12)
-    assert across["lens"] == pytest.approx(0.0, abs=1e-12)
+    assert (in_one_run["total"], across["lens"]) == pytest.approx((0.0, 0.0), abs=1e-12)
     assert (across["plane"], across["roll"]) == pytest.approx((0.04 * math.sqrt(2), 0.12 * math.sqrt(2)))
-    low, high = compared.pairs[1].ci95_with_shared or (0.0, 0.0)
-    narrow = compared.pairs[1].ci95 or (0.0, 0.0)
-    assert (high - low) / 2 == pytest.approx(
-        math.hypot((narrow[1] - narrow[0]) / 2, 1.96 * (across["total"] or 0.0))
-    )
+    narrow, wide = (np.ptp(ends) / 2 for ends in (parts[2].ci95, parts[2].ci95_with_shared))
+    assert wide == pytest.approx(math.hypot(narrow, 1.96 * across["total"]))
 
 
 def test_results_of_different_settings_are_told(tmp_path):
     """Which setting differs, in which runs, and what was changed after a run."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)}, settings={"window_start_mm": 4.0})
-    b = write_measured_run(
-        tmp_path,
-        "b",
-        {HARD: (28.1, 28.3)},
-        settings={"window_start_mm": 6.0},
-        overrides=("analysis.window_start_mm=6",),
-    )
+    other: Any = {"settings": {"window_start_mm": 6.0}, "overrides": ("analysis.window_start_mm=6",)}
+    b = write_measured_run(tmp_path, "b", {HARD: (28.1, 28.3)}, **other)
     compared = _compare(a, b).comparison
     told = " ".join(compared.warnings)
     assert "window_start_mm is 4.0 in a; 6.0 in b" in told
@@ -112,11 +100,7 @@ def test_groups_can_be_made_by_any_field(tmp_path):
     [
         ({SOFT: (28.0, 28.4)}, {}, "nothing to compare: there is only one group: N1, 10 % gelatin"),
         ({SOFT: (None, None), HARD: (None,)}, {}, "no measurement of radius_mm was accepted"),
-        (
-            {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)},
-            {"by": ("nedle",)},
-            "no measurement and no run has that field",
-        ),
+        ({SOFT: (28.0, 28.4), HARD: (27.0, 27.2)}, {"by": ("nedle",)}, "and no run has that field"),
         ({SOFT: (28.0, 28.4), HARD: (27.0, 27.2)}, {"quantity": "radius"}, "no quantity 'radius'"),
     ],
 )
@@ -147,9 +131,7 @@ def test_load_runs_gives_the_measurements_as_one_table(tmp_path):
     with pytest.warns(UserWarning, match="1 runs are left out"):
         table = load_runs(runs_dir=tmp_path)
     assert list(table["radius_mm"].fillna(-1).groupby(table["run"]).sum()) == [27.0, 27.0]
-    assert list(table.loc[table["run"] == "a", "started"]) == [
-        "2026-03-02T09:30:00+00:00",
-        "2026-03-02T09:31:00+00:00",
-    ]
+    started = list(table.loc[table["run"] == "a", "started"])
+    assert started == ["2026-03-02T09:30:00+00:00", "2026-03-02T09:31:00+00:00"]
     assert list(table.attrs["left_out"]) == [str(empty)]
     assert list(load_runs("seed=7 and title=b", runs_dir=tmp_path)["needle_id"]) == ["N2"]

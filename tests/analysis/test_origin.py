@@ -1,16 +1,11 @@
 """The sheath's pose in each trial, and trials in which it deviates."""
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from labrig.analysis.origin import find_origins, to_origin_frame
-from labrig.analysis.result import TrialOrigin
+from labrig.analysis.origin import find_origins
 from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.picture_results import complete_picture
 from labrig.protocol.sections import Sheath, SheathOrigin
@@ -29,16 +24,9 @@ def draw_sheath(along_px: int = 0, aside_px: int = 0, turned_deg: float = 0.0) -
     return np.asarray(seen if turned_deg else image, dtype=np.uint8)
 
 
-def origins(
-    pictures: Sequence[NDArray[np.uint8]],
-    limits: SheathOrigin | None = None,
-    linear_mm: Sequence[float] = (15.0,) * 5,
-) -> tuple[TrialOrigin, ...]:
+def origins(pictures, limits=None, linear_mm=(15.0,) * 5):
     """Return the origin found for each of these trials."""
-    lines = [
-        FrameLine(frame=2 * trial, file="", trial=trial, linear_mm=linear_mm[trial])
-        for trial in range(len(pictures))
-    ]
+    lines = [FrameLine(frame=2 * n, file="", trial=n, linear_mm=linear_mm[n]) for n in range(len(pictures))]
     sheath = Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0, origin=limits)
     return find_origins(lambda frame: pictures[frame // 2], lines, PLANE, sheath)
 
@@ -129,22 +117,9 @@ def test_tip_is_told_from_the_origin_of_its_trial():
     shifted = complete_picture(measured, found, None)
     assert shifted.tip_from_origin_mm == pytest.approx((-4.0, 30.0))
     assert (shifted.origin_mm, shifted.origin_heading_rad) == (found.tip_mm, heading)
-    imported = measured.model_copy(
-        update={"trial": None, "sheath_tip_mm": (1.0, 2.0), "sheath_heading_rad": 0.0, "tip_mm": (0.0, 32.0)}
-    )
+    own = {"trial": None, "sheath_tip_mm": (1.0, 2.0), "sheath_heading_rad": 0.0, "tip_mm": (0.0, 32.0)}
+    imported = measured.model_copy(update=own)
     assert complete_picture(imported, None, None).tip_from_origin_mm == pytest.approx((-1.0, 30.0))
-
-
-@given(
-    st.tuples(*[st.floats(-50, 50)] * 2),
-    st.tuples(*[st.floats(-50, 50)] * 2),
-    st.floats(-1.5, 1.5),
-)
-def test_distances_are_the_same_from_every_origin(point, origin, heading):
-    """Another frame changes no length, and the origin of its own frame is zero."""
-    shifted = to_origin_frame(point, origin, heading)
-    assert np.hypot(*shifted) == pytest.approx(np.hypot(point[0] - origin[0], point[1] - origin[1]), abs=1e-9)
-    assert to_origin_frame(origin, origin, heading) == (0.0, 0.0)
 
 
 def picture(trial: int) -> PictureResult:

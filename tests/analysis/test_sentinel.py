@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from labrig.analysis.result import Sentinel
 from labrig.analysis.sentinel import compare_grid_pictures
 from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.picture_results import complete_picture
@@ -31,11 +30,6 @@ def grid(pitch_px: float) -> Picture:
 BARE = np.full((600, 800), 120, np.uint8)
 
 
-def run_with(after_px: float) -> Sentinel:
-    """Return the sentinel of a run after which the grid has this pitch in the picture."""
-    return compare_grid_pictures(lambda frame: grid(after_px if frame else PX_PER_MM), LINES, PLANE, 1.0)
-
-
 def radius(**known: object) -> PictureResult:
     """Return an accepted picture with a radius."""
     values = {"radius_mm": 28.0, "sigma_radius_mm": 0.05, "radius_ci95_mm": (27.9, 28.1), **known}
@@ -44,7 +38,8 @@ def radius(**known: object) -> PictureResult:
 
 def test_drift_becomes_an_error_bar():
     """A drift of 0.2 % widens sigma and interval, and leaves the radius unchanged."""
-    sentinel = run_with(PX_PER_MM * 1.002)
+    pictures = grid(PX_PER_MM), None, grid(PX_PER_MM * 1.002)
+    sentinel = compare_grid_pictures(pictures.__getitem__, LINES, PLANE, 1.0)
     assert sentinel.drift == pytest.approx(0.002, abs=2e-4)
     wider = complete_picture(radius(), None, sentinel)
     assert wider.accepted

@@ -64,12 +64,14 @@ def test_the_calibration_protocol_shows_the_gel_that_it_could_correct():
         ("{index: 0.9, depth_mm: 10}", "plane.gel.index"),
         ("{index: 2.1, depth_mm: 10}", "plane.gel.index"),
         ("{index: 1.35, depth_mm: -1}", "plane.gel.depth_mm"),
+        ("{index: 1.35, depth_mm: 10, index_sigma: 0.7}", "plane.gel.index_sigma"),
+        ("{index: 1.35, depth_mm: 10, layers: [{index: 1.5, thickness_mm: -1}]}", "plane.gel.layers.0.thickness_mm"),
         ("{index: 1.35}", "plane.gel.depth_mm"),
         ("{depth_mm: 10}", "plane.gel.index"),
         ("{index: 1.35, depth_mm: 10, paper_at: table}", "plane.gel.paper_at"),
         ("{index: 1.35, depth_mm: 10, layers: [{index: wood, thickness_mm: 3}]}", "plane.gel.layers.0.index"),
     ],
-)
+)  # fmt: skip
 def test_a_gel_that_cannot_be_is_refused_at_its_key(gel, key):
     """Before a picture is taken: index from 1 to 2, depth from 0, both together, paper at a place that is known."""
     text = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")

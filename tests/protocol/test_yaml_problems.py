@@ -183,14 +183,14 @@ def make_bench(**values: object) -> BenchModel:
 
 
 def test_values_that_stand_in_no_file_are_told_by_their_source():
-    """Options of a command make a model through the same checks."""
+    """Options of a command make a model through the same checks.
+
+    User-written text is kept as written: notes may have lines, any script joins its letters.
+    """
+    camera = {"kind": "fast", "rate_hz": 1}
+    values = {"camera": camera, "origin_px": (1, 2), "notes": "a\n\tb", "name": "می‌خواهم 👩‍🔬 é"}
+    made = validate_values(values, "labrig import", BenchModel)
+    assert (made.origin_px, made.notes, made.name) == ((1.0, 2.0), values["notes"], values["name"])
     with pytest.raises(FileFormatError) as caught:
-        make_bench(camera={"kind": "fast", "rate_hz": -1})
+        validate_values({"camera": {**camera, "rate_hz": -1}}, "labrig import", BenchModel)
     assert [problem.where for problem in caught.value.problems] == ["labrig import camera.rate_hz"]
-    assert make_bench(origin_px=(1, 2)).origin_px == (1.0, 2.0)
-
-
-def test_notes_may_have_lines_and_any_script_joins_its_letters():
-    """User-written text is kept as written; only what nobody can see is refused."""
-    made = make_bench(notes="a\n\tb", name="می‌خواهم 👩‍🔬 é")
-    assert (made.notes, made.name) == ("a\n\tb", "می‌خواهم 👩‍🔬 é")

@@ -94,7 +94,9 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 @pytest.fixture
 def runs_dir(tmp_path: Path) -> Path:
     """Return a folder of four runs: closed, tagged and measured, interrupted, and damaged."""
-    told: Any = [{"started": f"2026-03-0{n}T08:00:00+00:00", "protocol": {"gel": {"percent": n}}} for n in (1, 2)]
+    told: Any = [
+        {"started": f"2026-03-0{n}T08:00:00+00:00", "protocol": {"gel": {"percent": n}}} for n in (1, 2)
+    ]
     closed_run(tmp_path, "first", **told[0])
     second = closed_run(tmp_path, "second", **told[1])
     add_result(second, b'{"mean_radius_mm": 27.5, "measurements": [{"radius_mm": 1}]}')

@@ -2,9 +2,6 @@
 
 import errno
 import os
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,7 +16,6 @@ from tests.record.runs import CAN_FRAMES, ENDED, begin, picture
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 CALLS = ("write", "replace", "rename", "fsync", "ftruncate", "posix_fallocate", "mkdir", "open")
 
 
@@ -128,33 +124,3 @@ def test_a_torn_last_line_is_dropped(tmp_path):
     assert [line["kind"] for line in run.lines("events")][-2:] == ["trial_stop", "note"]
     assert run.lines("events")[-1]["t_s"] == 4.5
     assert check_run(recorder.path).damage == ()
-
-
-WRITER = """
-import sys
-from itertools import count
-from pathlib import Path
-from tests.record.runs import begin, picture
-recorder = begin(Path(sys.argv[1]))
-for number in count():
-    recorder.event("step", 0.1 * number, number=number)
-    recorder.frame(picture(number, (48, 64)), 0.1 * number)
-    print(number, flush=True)
-"""
-
-
-@pytest.mark.parametrize("wanted", [3, 40])
-def test_a_killed_process_loses_nothing_acknowledged(tmp_path, wanted):
-    """SIGKILL in earnest, and the lock is free afterwards."""
-    with subprocess.Popen(
-        [sys.executable, "-c", WRITER, tmp_path], cwd=ROOT, stdout=subprocess.PIPE, text=True
-    ) as writer:
-        assert writer.stdout is not None
-        told = sum(1 for _ in zip(range(wanted), writer.stdout, strict=False))
-        writer.send_signal(signal.SIGKILL)
-        told += len(writer.stdout.read().splitlines())
-    run = open_run(tmp_path / "run")
-    assert (run.manifest["exit_status"], run.damage) == ("incomplete", ())
-    assert told <= len(run.events) <= told + 1
-    assert told <= len(list(run.pictures)) <= told + 1
-    reopen_run(run.path, "labrig resume").close("aborted", "", ENDED)

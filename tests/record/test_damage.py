@@ -120,22 +120,17 @@ def test_an_added_file_is_named_and_not_used(tmp_path: Path, file: str) -> None:
     assert bool(check_run(run).damage) == file.startswith("analysis/")
 
 
-def test_a_link_in_a_run_is_refused(tmp_path: Path) -> None:
-    """Nothing is read through it."""
-    run = closed_run(tmp_path)
-    (run / "states.jsonl").rename(tmp_path / "elsewhere")
-    (run / "states.jsonl").symlink_to(tmp_path / "elsewhere")
-    (problem,) = check_run(run).damage
-    assert problem.where == "states.jsonl"
-    assert "symbolic link" in problem.message
-
-
-def test_sums_that_lead_out_of_the_run_are_refused(tmp_path: Path) -> None:
-    """A name in SHA256SUMS is a file of the run."""
+def test_nothing_is_read_through_a_link_or_out_of_the_run(tmp_path: Path) -> None:
+    """A file that is a link is refused, and so is a name in SHA256SUMS that is no file of the run."""
     run = closed_run(tmp_path)
     with (run / "SHA256SUMS").open("a") as sums:
         sums.write(f"{'0' * 64}  ../secret\n")
     assert [problem.where for problem in check_run(run).damage] == ["SHA256SUMS"]
+    run = closed_run(tmp_path, "linked")
+    (run / "states.jsonl").rename(tmp_path / "elsewhere")
+    (run / "states.jsonl").symlink_to(tmp_path / "elsewhere")
+    (problem,) = check_run(run).damage
+    assert (problem.where, "symbolic link" in problem.message) == ("states.jsonl", True)
 
 
 def test_what_a_run_began_with_is_covered_before_it_ends(tmp_path: Path) -> None:

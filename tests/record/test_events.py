@@ -10,7 +10,7 @@ from labrig.errors import Fault, RecordError
 from labrig.record.events import Event, RunStop, TrialStart, TrialStop
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
-from tests.record.runs import begin, closed_run
+from tests.record.runs import begin
 
 
 class GelStart(TrialStart):
@@ -78,10 +78,3 @@ def test_trials_join_their_start_and_stop(tmp_path: Path) -> None:
     trials = open_run(record(begin(tmp_path), first, left, again, done, other)).read_trials(GelStart, GelStop)
     assert [(trial.start.hole, trial.exit_status) for trial in trials] == [(1, "success"), (2, "incomplete")]
     assert [trial.stop and trial.stop.sd_mm for trial in trials] == [0.5, None]
-
-
-def test_what_a_line_of_a_picture_does_not_say_is_none(tmp_path: Path) -> None:
-    """Pictures of withdrawals have no trial, imported ones no axes."""
-    first, *_ = open_run(closed_run(tmp_path)).frame_lines
-    assert (first.frame, first.trial, first.role, first.insertion_mm) == (0, 0, "advance", 1.0)
-    assert first.linear_mm is None

@@ -67,19 +67,17 @@ def test_trials_that_are_not_evaluated_are_not_done(tmp_path: Path) -> None:
 
 
 def test_the_sums_are_those_of_sha256sum(tmp_path: Path) -> None:
-    """`sha256sum -c` accepts SHA256SUMS, and it covers everything that was recorded."""
-    run = closed_run(tmp_path)
+    """`sha256sum -c` accepts SHA256SUMS, which covers everything recorded; equal calls give equal bytes.
+
+    Whatever their folders; names are for people.
+    """
+    name = "Gel 13 % – éprouvette №2"
+    run, other = closed_run(tmp_path / "a", name), closed_run(tmp_path / "b", name)
     subprocess.run(["sha256sum", "--check", "--strict", "--quiet", "SHA256SUMS"], cwd=run, check=True)
     listed = {line.split("  ")[1] for line in (run / "SHA256SUMS").read_text().splitlines()}
     present = {str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()}
     assert listed == present - {"SHA256SUMS", ".lock"}
-
-
-def test_equal_calls_give_equal_bytes(tmp_path: Path) -> None:
-    """Two runs of the same calls hold the same bytes, whatever their folders; names are for people."""
-    name = "Gel 13 % – éprouvette №2"
-    first, second = closed_run(tmp_path / "a", name), closed_run(tmp_path / "b", name)
-    assert (first / "SHA256SUMS").read_bytes() == (second / "SHA256SUMS").read_bytes()
+    assert (run / "SHA256SUMS").read_bytes() == (other / "SHA256SUMS").read_bytes()
 
 
 def test_closing_twice_is_closing_once(tmp_path: Path) -> None:
@@ -90,13 +88,9 @@ def test_closing_twice_is_closing_once(tmp_path: Path) -> None:
     manifest = open_run(recorder.path).manifest
     assert (manifest["exit_status"], manifest["reason"]) == ("aborted", "SIGINT")
     assert (manifest["ended"], manifest["title"]) == ("2026-03-02T09:45:00+00:00", "Größe")
-    for adding in (
-        lambda: recorder.state(1.0),
-        lambda: recorder.frame(picture(0), 1.0),
-        lambda: recorder.truth(trial=0),
-    ):
+    for add in (recorder.state, partial(recorder.frame, picture(0)), lambda t_s: recorder.truth(trial=0)):
         with pytest.raises(RecordError, match="is closed"):
-            adding()
+            add(1.0)
     assert not any((recorder.path / "frames").iterdir())
 
 

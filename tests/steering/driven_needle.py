@@ -78,11 +78,6 @@ class Driven:
         return self.commands[-1].stop
 
 
-def see_place(needle: DrivenNeedle) -> Floats:
-    """Return where the tip is."""
-    return needle.place
-
-
 def drive(
     needle: DrivenNeedle,
     settings: SteeringSettings,
@@ -90,7 +85,7 @@ def drive(
     seed: int = 0,
     *,
     slip: float = 0.0,
-    see: Callable[[DrivenNeedle], Floats | None] = see_place,
+    see: Callable[[DrivenNeedle], Floats | None] = lambda needle: needle.place,
 ) -> Driven:
     """Carry out the commands of the step until it stops; the tip is observed with independent noise."""
     rng = np.random.default_rng(seed)
@@ -102,9 +97,8 @@ def drive(
         needle.insert(command.observe_at_mm * (1.0 - slip))
         seen_mm = see(needle)
         noise_mm = sigma_mm * across * rng.normal(size=3)
-        done.sightings.append(
-            TipSighting(command.observe_at_mm, None if seen_mm is None else seen_mm + noise_mm)
-        )
+        place_mm = None if seen_mm is None else seen_mm + noise_mm
+        done.sightings.append(TipSighting(command.observe_at_mm, place_mm))
         state, command = step_steering(state, done.sightings[-1], settings)
         done.states.append(state)
         done.commands.append(command)

@@ -7,6 +7,7 @@ in space by any angle.
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,23 +36,15 @@ class SimulatedInsertion:
     @property
     def observations(self) -> list[TipObservation]:
         """The steps after the start."""
-        return [
-            TipObservation(position, float(step_mm), float(roll))
-            for position, step_mm, roll in zip(
-                self.positions_mm[1:], self.step_mm, self.roll_rad, strict=True
-            )
-        ]
+        return list(map(TipObservation, self.positions_mm[1:], self.step_mm.tolist(), self.roll_rad.tolist()))
 
 
-def settings(planar: bool, **changes: object) -> EstimatorSettings:
+def settings(planar: bool, **changes: Any) -> EstimatorSettings:
     """Return the settings that fit the simulated world."""
-    known = {"radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0}
-    noise = {
-        "observation_sd_mm": SIGMA_MM,
-        "process_sd_deg_per_root_mm": math.degrees(PROCESS_SD_RAD),
-        "start_sd_deg": math.degrees(START_SD_RAD),
-    }
-    return EstimatorSettings(**({"radius_mm": RADIUS_MM, "planar": planar} | known | noise | changes))  # type: ignore[arg-type]
+    known = {"radius_mm": RADIUS_MM, "radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0}
+    sds_deg = np.degrees((PROCESS_SD_RAD, START_SD_RAD)).tolist()
+    noise = dict(zip(("process_sd_deg_per_root_mm", "start_sd_deg"), sds_deg, strict=True))
+    return EstimatorSettings(**known | noise | {"planar": planar, "observation_sd_mm": SIGMA_MM} | changes)
 
 
 def insert(seed: int, planar: bool, radius_mm: float = RADIUS_MM, noise: float = 1.0) -> SimulatedInsertion:
@@ -115,10 +108,8 @@ def mean_nees_in_band(runs: int, planar: bool, radius_sd_mm: float) -> tuple[flo
     for seed in range(runs):
         drawn = np.random.default_rng([seed, 7]).normal(1.0 / RADIUS_MM, radius_sd_mm / RADIUS_MM**2)
         insertion = insert(seed, planar, 1.0 / drawn)
-        states = follow(insertion, chosen)
-        values[seed] = [
-            nees(s, t, insertion.curvature, chosen) for s, t in zip(states, insertion.truth, strict=True)
-        ]
+        pairs = zip(follow(insertion, chosen), insertion.truth, strict=True)
+        values[seed] = [nees(state, truth, insertion.curvature, chosen) for state, truth in pairs]
     return share_in_band(values, len(chosen.errors)), float(values.mean()) / len(chosen.errors)
 
 

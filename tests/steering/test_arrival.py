@@ -14,7 +14,7 @@ def bound(offset_mm, covariance_mm2, slope=(0.0, 0.0)):
 
 
 @pytest.mark.parametrize("sd_mm", [(0.5, 0.2, 0.1), (0.05, 0.2, 0.2), (2.0, 0.05, 0.08)])
-def test_the_interval_holds_95_of_100_distances(sd_mm: tuple[float, float, float]) -> None:
+def test_the_interval_holds_95_of_100_distances(sd_mm):
     """Of needles that the line of sight passes at any distance, the interval holds 95 %, and the rest on both sides."""
     random, ray = np.random.default_rng(6), np.array((1.0, 0.3, -0.2))
     covariance = np.diag((0.0, *np.square(sd_mm[1:]))) + sd_mm[0] ** 2 * np.outer(ray, ray)
@@ -44,7 +44,7 @@ def test_only_the_doubt_widens_the_interval():
     assert bound((0.0, 0.3, 0.4), covariance + np.diag((1.0, 0.0, 0.0)))[1] > high_mm + 1
 
 
-def test_a_tip_that_may_be_elsewhere_with_a_probability_is_in_the_interval() -> None:
+def test_a_tip_that_may_be_elsewhere_with_a_probability_is_in_the_interval():
     """With 6 % for a tip three millimetres off, the interval holds it; its variance alone would put it beyond."""
     near, far = np.diag((0.25, 0.01, 0.01)), np.array((3.0, 0.0, 0.0))
     here = TipOffset(np.zeros(3), near, 0.94)
@@ -55,7 +55,7 @@ def test_a_tip_that_may_be_elsewhere_with_a_probability_is_in_the_interval() -> 
     assert bound(mean, variance)[1] < 2.1
 
 
-def test_only_an_interval_within_the_tolerance_is_a_success() -> None:
+def test_only_an_interval_within_the_tolerance_is_a_success():
     """Reached where all of the interval is within the tolerance, missed where none of it is."""
     assert decide_arrival((0.1, 1.9), 2.0) == "reached"
     assert decide_arrival((0.1, 2.1), 2.0) == "reached_in_plane_only"

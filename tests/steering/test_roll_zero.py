@@ -37,13 +37,14 @@ def test_its_standard_deviation_is_that_of_the_zeros_found() -> None:
     assert spread == pytest.approx(stated, rel=0.25)
 
 
-def test_a_needle_that_does_not_bend_as_it_should_is_refused() -> None:
-    """A straight needle, or one in a far softer gel, has no roll zero; the message has value and limit."""
-    with pytest.raises(MeasurementRefusedError, match=r"bends by 1\.00 mm over 20 mm, expected 6\.84 mm"):
-        fit_roll_zero(ROLLS, -np.cos(ROLLS), LENGTH_MM, RADIUS_MM)
-
-
-def test_three_rolls_are_too_few() -> None:
-    """Three rolls are refused: with three unknowns they leave no estimate of the uncertainty."""
-    with pytest.raises(InputError, match="3 rolls and 3 deflections"):
-        fit_roll_zero(ROLLS[:3], ROLLS[:3], LENGTH_MM, RADIUS_MM)
+@pytest.mark.parametrize(
+    ("rolls", "bend_mm", "error", "words"),
+    [
+        (ROLLS, 1.0, MeasurementRefusedError, r"bends by 1\.00 mm over 20 mm, expected 6\.84 mm"),
+        (ROLLS[:3], BEND_MM, InputError, "3 rolls and 3 deflections"),
+    ],
+)
+def test_what_tells_no_roll_zero_is_refused(rolls, bend_mm, error, words):
+    """A straight needle, or one in a far softer gel; and three rolls, which leave no estimate of the uncertainty."""
+    with pytest.raises(error, match=words):
+        fit_roll_zero(rolls, -bend_mm * np.cos(rolls), LENGTH_MM, RADIUS_MM)

@@ -106,6 +106,7 @@ def test_the_base_is_never_driven_beyond_its_limits(arcs_mm, lag, limit_rad):
         assert abs(turn.to_rad) <= limit_rad
         assert abs(turn.farthest_rad) <= limit_rad
         assert abs(turn.to_rad - before_rad) == pytest.approx(math.pi)
+        assert turn.direction in {1, -1}
         assert turn.overshoot_rad * turn.direction >= 0.0
         before_rad = turn.to_rad
 
@@ -127,3 +128,10 @@ def test_back_and_forth_leads_away_from_the_roll_zero_and_back(base_rad, to_rad)
         path, base_rad, ahead, TorsionalLag(0.1), WIDE, radius_mm=RADIUS_MM, turning="back_and_forth"
     )
     assert (turn.to_rad, turn.overshoot_rad) == (pytest.approx(to_rad), 0.0)
+
+
+def test_a_turn_for_which_there_is_no_room_is_not_lengthened():
+    """An axis of less than a half turn either way is told to make it all the same, without an overshoot."""
+    path, ahead = [RolledStretch(30.0, 0.0, 0)], [TurnAhead(math.pi, 30.0)]
+    turn = choose_turn(path, 0.0, ahead, TorsionalLag(0.1), BaseLimits(-3.0, 3.0), radius_mm=RADIUS_MM)
+    assert (abs(turn.to_rad), turn.overshoot_rad) == (math.pi, 0.0)

@@ -33,7 +33,7 @@ def fit(bends):
 
 
 @pytest.mark.processors
-def test_exact_deflections_give_the_lag_exactly() -> None:
+def test_exact_deflections_give_the_lag_exactly():
     """The lag, its growth and the radius come out; a parallax that depends on the depth alone changes nothing."""
     found = fit(make_bends(0.0, 0))
     assert found.lag.lag_rad == pytest.approx(LAG_RAD, abs=1e-6)
@@ -41,7 +41,7 @@ def test_exact_deflections_give_the_lag_exactly() -> None:
     assert found.radius_mm == pytest.approx(RADIUS_MM, abs=1e-4)
 
 
-def test_the_interval_covers_the_lag() -> None:
+def test_the_interval_covers_the_lag():
     """Of 200 fits of noisy deflections, 92.5 to 97.5 % of the 95 % intervals of lag and growth hold the true one."""
     fits = [fit(make_bends(0.05, seed)) for seed in range(200)]
     held = [abs(found.lag.lag_rad - LAG_RAD) <= 1.96 * found.lag.find_sd_rad(0.0) for found in fits]

@@ -10,11 +10,12 @@ The needles are nearly straight: these frames test the tip and no radius.
 """
 
 import csv
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 PICTURES = Path(__file__).parents[2].parent / "shared" / "data" / "real_insertions"
 _MARKS = Path(__file__).parent / "marks" / "real_tips.csv"
@@ -22,12 +23,11 @@ _MARKS = Path(__file__).parent / "marks" / "real_tips.csv"
 
 @dataclass(frozen=True)
 class MarkedTip:
-    """The two marks (u, v) [px] of the tip in a frame of a trial."""
+    """The two marks (u, v) [px] of the tip in a frame of a trial, and the frame's file."""
 
     trial: str
     frame: int
-    first_px: tuple[float, float]
-    second_px: tuple[float, float]
+    marks_px: NDArray[np.float64]
 
     @property
     def picture(self) -> Path:
@@ -35,21 +35,18 @@ class MarkedTip:
         return PICTURES / self.trial / f"ImgFeedback{self.frame}.jpg"
 
     @property
-    def mean_px(self) -> tuple[float, float]:
+    def mean_px(self) -> NDArray[np.float64]:
         """Return the mean of the two marks."""
-        u, v = np.mean((self.first_px, self.second_px), axis=0)
-        return float(u), float(v)
+        return np.asarray(self.marks_px.mean(axis=0))
 
     @property
     def spread_px(self) -> float:
         """Return the distance between the two marks."""
-        return float(np.hypot(*np.subtract(self.first_px, self.second_px)))
+        return math.dist(*self.marks_px)
 
 
 def read_marked_tips() -> list[MarkedTip]:
     """Return the marks of all frames, in the order of trials and frames."""
     with _MARKS.open(encoding="utf-8", newline="") as file:
-        rows: list[Any] = [
-            (trial, int(frame), *map(float, px)) for trial, frame, *px in list(csv.reader(file))[1:]
-        ]
-    return [MarkedTip(trial, frame, (u1, v1), (u2, v2)) for trial, frame, u1, v1, u2, v2 in rows]
+        rows = list(csv.reader(file))[1:]
+    return [MarkedTip(trial, int(frame), np.array(px, float).reshape(2, 2)) for trial, frame, *px in rows]

@@ -142,18 +142,6 @@ def test_good_views_are_kept_where_the_others_hardly_tell_the_lens():
         assert left_out(calibrate(views_of(SLIGHT, 4, (23, seed)))) == []
 
 
-def test_views_whose_focal_lengths_scatter_are_refused():
-    """If the focus is different in every view, no group of them is the camera."""
-    longer = (-0.03, -0.02, -0.012, -0.006, 0.0, 0.007, 0.013, 0.021, 0.03)
-    views = [
-        views_of(SLIGHT, 1, 30 + index, replace(CAMERA, focal_px=(1 + share) * CAMERA.focal_px))[0]
-        for index, share in enumerate(longer)
-    ]
-    found = calibrate(views)
-    assert not found.accepted
-    assert any("contradict" in why for why in found.reasons)
-
-
 def test_sigma_by_views_is_that_of_a_jackknife_and_a_file_keeps_it(tmp_path):
     """Of boards that are bent otherwise in each view the sigma of fx agrees with fits that leave out one in turn."""
     count, random = 12, np.random.default_rng(3)

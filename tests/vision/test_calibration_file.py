@@ -24,47 +24,24 @@ from labrig.vision.plane import PlaneMap, Radial, Variation
 from tests.disks import full_disk
 
 LENS = Intrinsics(
-    image_size=(1280, 720),
-    fx=1400.0 + 1 / 3,
-    fy=1401.1,
-    cx=640.123456789012,
-    cy=355.5,
-    distortion=(-0.28, 0.1, 1e-17, -0.0005, 0.0),
-    sigma={"fx": 0.4, "fy": None, "cx": 0.5, "cy": 0.6},
-    rms_px=0.2,
-    holdout_rms_px=None,
-    views=(
-        ViewResidual("a.png", 0.21, used=True),
-        ViewResidual("b.png", None, used=False, reason="no board"),
-    ),
-    accepted=False,
-    reasons=("2 different views",),
-    board_warp=BoardWarp(1 / 3, -0.05, 0.02, 0.03, 0.35),
-)
+    image_size=(1280, 720), fx=1400.0 + 1 / 3, fy=1401.1, cx=640.123456789012, cy=355.5,
+    distortion=(-0.28, 0.1, 1e-17, -0.0005, 0.0), sigma={"fx": 0.4, "fy": None, "cx": 0.5, "cy": 0.6},
+    rms_px=0.2, holdout_rms_px=None,
+    views=(ViewResidual("a.png", 0.21, used=True), ViewResidual("b.png", None, used=False, reason="no board")),
+    accepted=False, reasons=("2 different views",), board_warp=BoardWarp(1 / 3, -0.05, 0.02, 0.03, 0.35),
+)  # fmt: skip
+GEL = Gel(index=1.35, depth_mm=10.0, paper_at="surface", index_sigma=0.01,
+          layers=(Layer(index="glass", thickness_mm=3.0),))  # fmt: skip
 PLANE = PlaneMap(
-    homography=((0.0, -0.1, 20 / 3), (0.1, 0.001, -3.0), (1e-6, 0.0, 1.0)),
-    intrinsics=LENS,
-    origin_px=(100.3, 200.7),
-    insertion="right",
-    image_size=(1280, 720),
-    mm_per_px=0.0641,
-    rms_mm=0.007,
-    holdout_rms_mm=0.0071,
-    points=3800,
-    gel=Gel(
-        index=1.35,
-        depth_mm=10.0,
-        paper_at="surface",
-        index_sigma=0.01,
-        layers=(Layer(index="glass", thickness_mm=3.0),),
-    ),
-    flatness_mm=0.02,
+    homography=((0.0, -0.1, 20 / 3), (0.1, 0.001, -3.0), (1e-6, 0.0, 1.0)), intrinsics=LENS,
+    origin_px=(100.3, 200.7), insertion="right", image_size=(1280, 720), mm_per_px=0.0641,
+    rms_mm=0.007, holdout_rms_mm=0.0071, points=3800, gel=GEL, flatness_mm=0.02,
     variations=(
         Variation(homography=np.eye(3), group="plane"),
         Variation(homography=2.0 * np.eye(3), group="lens", lens=LENS.parameters()),
         Variation(homography=3.0 * np.eye(3), group="surface", gel=Gel(index=1.36, depth_mm=10.0)),
     ),
-)
+)  # fmt: skip
 PROVENANCE = {"command": "labrig calibrate intrinsics a.png", "pictures": {"a.png": "00ff"}}
 
 

@@ -3,7 +3,7 @@
 import json
 import re
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -20,11 +20,9 @@ from labrig.vision.calibrate_lens import (
     calibrate_intrinsics,
     find_board,
 )
-from labrig.vision.picture import read_picture
 from tests.vision.renderer import Board, Camera, turn_about
 
 CORNERS = Path(__file__).parent / "marks" / "opencv_left_corners.csv"
-PHOTOGRAPHS = Path(__file__).parents[2].parent / "shared" / "data" / "opencv_chess"
 CAMERA = Camera((1280, 720), 1400.0, (645.0, 352.0), (-0.12, 0.05, 5e-4, -3e-4, 0.0), aspect=1403 / 1400)
 SIZE, LENS = CAMERA.size, CAMERA.intrinsics
 BOARD = Board(square_mm=6.0)
@@ -61,17 +59,6 @@ def test_undistortion_undoes_distortion(u, v):
     assert LENS.distort_px(LENS.undistort_px([(u, v)])) == pytest.approx(np.array([(u, v)]), abs=1e-8)
 
 
-def test_distortion_is_opencv_s():
-    """The model puts ideal pixels where `cv2.projectPoints` does."""
-    directions = np.random.default_rng(0).uniform((-0.4, -0.2), (0.4, 0.2), (50, 2))
-    flat = np.column_stack((directions, np.ones(50)))
-    expected = cv2.projectPoints(flat, np.zeros(3), np.zeros(3), CAMERA.matrix, np.array(CAMERA.distortion))[
-        0
-    ].reshape(-1, 2)
-    ideal = flat @ CAMERA.matrix.T
-    assert LENS.distort_px(ideal[:, :2]) == pytest.approx(expected, abs=1e-9)
-
-
 def test_refuses_pixels_beyond_the_fold():
     """Where strong distortion folds the picture over, no ideal pixel is invented; other shapes are wrong input."""
     with pytest.raises(MeasurementRefusedError, match="no inverse at pixel"):
@@ -79,12 +66,6 @@ def test_refuses_pixels_beyond_the_fold():
     assert LENS.undistort_px(np.empty((0, 2))).shape == (0, 2)
     with pytest.raises(InputError, match="shape"):
         LENS.undistort_px([1.0, 2.0])
-
-
-def test_fingerprint_follows_the_model_alone():
-    """Two calibrations with the same numbers are the same lens; another number is another lens."""
-    assert replace(LENS, rms_px=0.2).fingerprint() == LENS.fingerprint()
-    assert replace(LENS, distortion=(-0.12, 0.05, 5e-4, -3e-4, 1e-9)).fingerprint() != LENS.fingerprint()
 
 
 @pytest.mark.processors
@@ -154,14 +135,6 @@ def test_refuses_views_that_leave_the_lens_uncertain(kind):
     assert re.search(words, " ".join(found.reasons)), found.reasons
 
 
-def test_views_may_show_different_corners():
-    """Each view brings its own corners, in any number."""
-    views = good_views()
-    boards = [POINTS[n:] for n in range(8)]
-    found = calibrate_intrinsics(boards, [view[n:] for n, view in enumerate(views)], SIZE)
-    assert found.fx == pytest.approx(1400.0, rel=2e-3)
-
-
 @pytest.mark.parametrize(
     ("boards", "pixels", "message"),
     [
@@ -223,18 +196,16 @@ def test_pictures_without_the_board_or_of_another_size_are_listed_and_left_out()
     assert any("tilts differ by" in reason for reason in found.reasons)
 
 
-@pytest.mark.parametrize(("zoom", "others"), [(0.8, 2), (0.8, 4), (1.02, 3), (1.2, 2)])
+@pytest.mark.parametrize(("zoom", "others"), [(0.8, 2), (1.2, 2), (1.02, 3)])
 def test_views_of_another_setting_are_named(zoom, others):
     """Views of another focal length are left out, though a fit over all looks fine; more than a third are refused."""
     views = [*good_views()[: 8 - others], *good_views(seed=1, zoom=zoom)[8 - others :]]
     found = calibrate(views, [f"{n}.png" for n in range(8)])
-    odd = {int(view.image[0]) for view in found.views if not view.used}
-    if others == 2:
-        assert odd == {6, 7}
-        assert found.accepted, found.reasons
+    assert found.accepted == (others == 2), found.reasons
+    if found.accepted:
+        assert {view.image for view in found.views if not view.used} == {"6.png", "7.png"}
         assert found.fx == pytest.approx(1400.0, abs=3.5 * found.sigma["fx"])
     else:
-        assert not found.accepted
         assert "contradict the others" in found.reasons[0]
         assert "zoom and focus fixed" in found.reasons[0]
 
@@ -251,47 +222,24 @@ def test_refuses_pictures_without_any_board():
         calibrate_from_pictures([], 9, 6, 25.0)
 
 
-@cache
-def left_set():
-    """Return the corners in OpenCV's photographs of the left camera by their names, as `find_board` finds them."""
-    rows = np.loadtxt(CORNERS, delimiter=",", skiprows=1, dtype=str)
-    return {name: rows[rows[:, 0] == name][:, 2:].astype(float) for name in dict.fromkeys(rows[:, 0])}
-
-
-@cache
-def real_lens():
-    """Return the lens of the real photographs."""
-    views = list(left_set().values())
-    return calibrate_intrinsics([board_points_mm(9, 6, 25.0)] * len(views), views, (640, 480))
-
-
-@pytest.mark.skipif(
-    not PHOTOGRAPHS.is_dir(), reason="OpenCV's photographs are shared data beside the repository"
-)
-def test_finds_the_corners_in_real_photographs():
-    """In each of the thirteen, where they were found when they were kept."""
-    for name, corners in left_set().items():
-        assert find_board(read_picture(PHOTOGRAPHS / name), 9, 6).pixels == pytest.approx(corners, abs=0.01)
-
-
 @pytest.mark.processors
 def test_calibrates_from_real_photographs():
     """The left set gives the published focal length and is accepted, and every parameter of mrcal within 0.05 sigma.
 
     mrcal 2.2 fitted the same corners, with the warp of the board.
     """
-    found = real_lens()
+    rows = np.loadtxt(CORNERS, delimiter=",", skiprows=1, dtype=str)
+    views = [rows[rows[:, 0] == name][:, 2:].astype(float) for name in dict.fromkeys(rows[:, 0])]
+    found = calibrate_intrinsics([board_points_mm(9, 6, 25.0)] * len(views), views, (640, 480))
     assert found.fx == pytest.approx(532.83, abs=2 * 0.44)
     assert found.fy == pytest.approx(532.95, abs=2 * 0.46)
     assert found.rms_px < 0.22
     assert found.holdout_rms_px < 0.25
     assert found.accepted, found.reasons
     assert len(found.views) == 13
-    focal, distortion = (
-        (533.2582, 533.38, 342.0852, 234.2647),
-        (-0.2814055, 0.03508815, 1.045154e-3, -1.140617e-4),
-    )
-    shares = (np.array(found.parameters()) - (*focal, *distortion, 0.1388458)) / list(found.sigma.values())
+    focal = (533.2582, 533.38, 342.0852, 234.2647)
+    distortion = (-0.2814055, 0.03508815, 1.045154e-3, -1.140617e-4, 0.1388458)
+    shares = (np.array(found.parameters()) - (*focal, *distortion)) / list(found.sigma.values())
     assert np.abs(shares).max() < 0.05
     # mrcal's z points away from the camera: 0.0450 and -0.1674 mm.
     assert found.board_warp.row_mm == pytest.approx(-0.0450, abs=0.005)

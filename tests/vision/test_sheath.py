@@ -23,10 +23,7 @@ def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
     random = np.random.default_rng(3)
     off = []
     for seed in range(10):
-        tip, heading = (
-            (float(random.normal(0.0, 0.5)), float(random.normal(0.0, 1.0))),
-            float(random.normal(0.0, 0.02)),
-        )
+        *tip, heading = random.normal(0.0, (0.5, 1.0, 0.02)).tolist()
         found = measure_sheath(sheath(tip, heading).take(seed), PLANE, 2.0)
         off.append((found.tip_mm[1] - tip[1], found.tip_mm[0] - tip[0], found.heading_rad - heading))
     along, across, turn = np.abs(off).T
@@ -59,9 +56,8 @@ def test_heading_is_measured_after_the_needle_is_out() -> None:
     measured = measure_curvature(image, PLANE, CurvatureSettings())
     assert measured.sheath_heading_rad == pytest.approx(0.03, abs=0.005)
     bare = Gel(Needle(sheath_mm=1.2)).take(2)
-    assert (
-        measure_curvature(bare, PLANE, CurvatureSettings(sheath_diameter_mm=None)).sheath_heading_rad is None
-    )
+    measured = measure_curvature(bare, PLANE, CurvatureSettings(sheath_diameter_mm=None))
+    assert measured.sheath_heading_rad is None
 
 
 @pytest.mark.parametrize(
@@ -75,12 +71,11 @@ def test_heading_is_measured_after_the_needle_is_out() -> None:
     ids=["no shaft", "too short for a shaft", "too short for a heading", "another camera"],
 )
 def test_what_shows_no_sheath_is_refused(gel: Gel, plane: PlaneMap, words: str) -> None:
-    """A picture without a shaft, one in which too little of it is seen for a heading, and one of another camera."""
+    """A picture without a shaft, one in which too little of it is seen for a heading, and one of another camera.
+
+    A millimetre more of it is enough.
+    """
     with pytest.raises((MeasurementRefusedError, PictureError), match=words):
         measure_sheath(gel.take(1, bubbles=0, tracks_mm=()), plane, 2.0)
-
-
-def test_a_sheath_that_just_enters_the_picture_is_measured() -> None:
-    """A millimetre more of it than is refused."""
     found = measure_sheath(sheath((0.0, -17.0)).take(1, bubbles=0, tracks_mm=()), PLANE, 2.0)
     assert found.tip_mm == pytest.approx((0.0, -17.0), abs=0.05)

@@ -38,8 +38,7 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b", "c")]
     updates: list[tuple[int, int, str]] = []
     outcomes = analyze(
-        [*runs, tmp_path / "none"],
-        progress=lambda done, total, run: updates.append((done, total, run.name)),
+        [*runs, tmp_path / "none"], progress=lambda done, total, run: updates.append((done, total, run.name))
     )
     pictures = [len(open_run(run).pictures) for run in runs]
     assert updates == sorted(updates)
@@ -52,7 +51,6 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     assert [result.content.parent for result in results] == [1, 1, 1]
     for run, result in zip(runs, results, strict=True):
         read = load_run_result(open_run(run), 2)
-        assert read is not None
         assert compare_results(read.document, results[0].document).verdict is Verdict.IDENTICAL
         assert compare_results(result.document, results[0].document).verdict is Verdict.IDENTICAL
 

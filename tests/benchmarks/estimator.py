@@ -15,7 +15,6 @@ import numpy as np
 from labrig.steering.estimator import step_tip
 from labrig.steering.parameters import EstimatorMethod
 from tests.benchmarks.table import print_rows
-from tests.steering.false_sightings import scattered_rmse_deg, streak_rmse_deg
 from tests.steering.insertions import (
     RADIUS_MM,
     follow,
@@ -23,7 +22,9 @@ from tests.steering.insertions import (
     heading_rmse_deg,
     insert,
     mean_nees_in_band,
+    scattered_rmse_deg,
     settings,
+    streak_rmse_deg,
 )
 from tests.steering.plain_ekf import bound_heading_rad2
 

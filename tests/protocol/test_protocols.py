@@ -1,4 +1,4 @@
-"""The protocols in the checkout, and the laws of their models."""
+"""The protocols in the checkout, the laws of their models, and conditions on values."""
 
 from contextlib import nullcontext
 from math import cos, pi
@@ -14,9 +14,11 @@ from labrig.errors import FileFormatError
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol, GraphPaper
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.imported_pictures.protocol import ImportProtocol
+from labrig.protocol.conditions import Condition
 from labrig.protocol.load import load_protocol
 from labrig.vision.gel import Gel
 from tests.protocol_texts import load_text
+from tests.runner.sessions import sweep
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 EXAMPLE = Path(__file__).parents[2] / "labrig" / "manual" / "example"
@@ -118,3 +120,35 @@ def test_a_block_is_accepted_exactly_if_its_holes_and_the_last_arc_fit(count, sp
     fits = (count - 1) * spacing_mm <= width_mm - STEERABILITY.lateral_reach_mm
     with nullcontext() if fits else pytest.raises(FileFormatError, match="sideways"):
         load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS, overrides)
+
+
+NUMBERS = st.floats(-1e6, 1e6)
+
+
+@given(NUMBERS, NUMBERS, NUMBERS)
+def test_a_condition_means_what_it_says(low: float, high: float, value: float) -> None:
+    """It is met below the one limit, and above the other; at a limit it is not."""
+    assert Condition(value="x", above=high).holds(value) == (value > high)
+    assert Condition(value="x", below=low).holds(value) == (value < low)
+    if low <= high:
+        assert Condition(value="x", below=low, above=high).holds(value) == (not low <= value <= high)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{value: radius_mm}", "judged by no limit"),
+        ("{value: radius_mm, above: .nan}", "finite number"),
+        ("{value: radius_mm, below: 30, above: 26}", "below is 30, must be at most above, 26"),
+        ("{value: radius_mm, above: 3, do: wait}", "must be 'ask' or 'stop'"),
+        ("{value: raduis_mm, above: 3}", "no value is named raduis_mm did you mean radius_mm?"),
+        ("{value: max_current_ma, above: 300}", "known here: radius_mm, radius_sd_mm"),
+    ],
+)
+def test_a_condition_that_cannot_be_judged_is_refused(text: str, told: str) -> None:
+    """Limits and names are checked when the protocol is loaded; the key is named."""
+    with pytest.raises(FileFormatError) as refused:
+        sweep(f"conditions=[{{value: radius_mm, above: 90}}, {text}]")
+    (problem,) = refused.value.problems
+    assert "conditions.1" in problem.where
+    assert told in f"{problem.message} {problem.hint}"

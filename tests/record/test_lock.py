@@ -30,7 +30,6 @@ def test_a_held_lock_is_refused_with_its_owner(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     with FileLock(path).acquire("labrig run"):
         owner = read_lock_owner(path)
-        assert owner is not None
         assert (owner.doing, owner.pid) == ("labrig run", os.getpid())
         with pytest.raises(LockedError, match=rf"in use by labrig run \(process {os.getpid()} on "):
             FileLock(path).acquire("labrig resume")
@@ -42,7 +41,6 @@ def test_the_lock_of_a_killed_owner_is_free(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     command = [sys.executable, "-c", HOLDER, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
-        assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
         with pytest.raises(LockedError, match=f"process {holder.pid} "):
             FileLock(path).acquire("labrig resume")
@@ -70,7 +68,6 @@ def test_a_text_that_is_no_owner_does_not_hold_a_lock(tmp_path: Path, text: byte
     assert read_lock_owner(path) is None
     with FileLock(path).acquire("labrig run"):
         owner = read_lock_owner(path)
-    assert owner is not None
     assert owner.pid == os.getpid()
 
 

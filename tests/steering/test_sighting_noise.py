@@ -10,12 +10,7 @@ import pytest
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
-from labrig.steering.sighting_noise import (
-    SeenInsertion,
-    measure_backlash,
-    measure_noise,
-    measure_sighting_sd,
-)
+from labrig.steering.sighting_noise import SeenInsertion, measure_backlash, measure_noise, measure_sighting_sd
 from labrig.steering.state import begin_steering
 from tests.steering.driven_needle import DrivenNeedle, drive
 from tests.steering.insertions import RADIUS_MM, settings
@@ -69,7 +64,6 @@ def test_a_mean_nis_is_judged_both_ways(scale: float, verdict: str) -> None:
     """The NIS of fitting settings passes; a tenth of it and thrice it are alarms."""
     nis = scale * np.random.default_rng(4).chisquare(2, 100)
     judged = measure_noise([], nis.tolist(), STATED)
-    assert judged is not None
     assert judged.verdict == verdict
     assert judged.usual_nis[0] < 2.0 < judged.usual_nis[1]
 

@@ -1,11 +1,12 @@
 """How far the end of a needle is out of the plane, by its width and length in pictures of an own renderer."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from labrig.vision.depth import Depth, measure_depth
+from labrig.vision.depth import measure_depth
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
@@ -52,20 +53,13 @@ class DeepNeedle(Needle):
         return np.asarray(CAMERA_MM / (CAMERA_MM + self._depth_mm(share)))
 
 
-def deep(length_mm: float = 100.0, x_mm: float = 0.0, rough: float = 0.0) -> DeepNeedle:
+def deep(length_mm=100.0, **how):
     """Return a needle of one grey level."""
-    return DeepNeedle(
-        length_mm=length_mm, x_mm=x_mm, rough=rough, level=60.0, sheath_level=60.0, line=0.0, bevel=0.0
-    )
+    grey: Any = {"level": 60.0, "sheath_level": 60.0, "line": 0.0, "bevel": 0.0}
+    return DeepNeedle(length_mm=length_mm, **grey, **how)
 
 
-def measure(
-    needle: DeepNeedle,
-    before_mm: float,
-    inserted_mm: float | None = None,
-    *,
-    way_mm: FloatArray | None = None,
-) -> Depth | None:
+def measure(needle, before_mm, inserted_mm=None, way_mm=None):
     """Measure the depth of a drawn needle that wanders, with the standard deviation of its end beforehand."""
     photo, camera = Photo(noise=2.0), replace(flat_camera(PX_PER_MM, SIZE_PX), origin_px=ORIGIN_PX)
     picture = Gel(needle, camera, photo, 175.0, tracks_mm=(), bubbles=0).draw()
@@ -81,7 +75,6 @@ def measure(
 def test_depth_is_read_from_width_and_length(x_mm):
     """Where little is known before, the picture tells the end's depth within three of its standard deviations."""
     depth = measure(deep(x_mm=x_mm), 5.0)
-    assert depth is not None
     assert depth.sd_mm < 1.5
     assert depth.x_mm == pytest.approx(x_mm, abs=3 * depth.sd_mm)
     assert not depth.contradicts
@@ -91,8 +84,6 @@ def test_depth_is_read_from_width_and_length(x_mm):
 def test_a_needle_that_left_the_plane_contradicts_what_was_known():
     """A needle that looks 8 mm behind the plane where 0.5 mm were expected contradicts; the picture counts then."""
     left, kept = measure(deep(x_mm=8.0), 0.5), measure(deep(), 0.5)
-    assert left is not None
-    assert kept is not None
     assert (left.contradicts, kept.contradicts) == (True, False)
     assert left.x_mm == left.picture_x_mm == pytest.approx(8.0, abs=3 * left.sd_mm)
     assert kept.sd_mm < kept.picture_sd_mm
@@ -102,7 +93,6 @@ def test_a_needle_that_left_the_plane_contradicts_what_was_known():
 def test_slip_is_not_taken_for_depth():
     """A needle whose tip lags behind by 1 % of its length is still where it is."""
     depth = measure(deep(), 2.0, inserted_mm=101.0)
-    assert depth is not None
     assert not depth.contradicts
     assert abs(depth.x_mm) < 2 * depth.sd_mm
 
@@ -118,8 +108,6 @@ def test_where_the_tip_was_seen_on_the_way_tells_depth_from_slip(x_mm, slip, zer
     way_mm[20] += (0.0, 3.0, -5.0)
     inserted_mm = zero_mm + needle.length_mm / (1.0 - slip)
     alone, depth = measure(needle, 5.0, inserted_mm), measure(needle, 5.0, inserted_mm, way_mm=way_mm)
-    assert alone is not None
-    assert depth is not None
     assert depth.sd_mm < 0.5 * alone.sd_mm
     assert depth.x_mm == pytest.approx(x_mm, abs=3 * depth.sd_mm)
 

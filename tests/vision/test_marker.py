@@ -51,8 +51,6 @@ def test_a_displacement_is_measured_to_some_hundredths_of_a_millimetre(dictionar
     """A marker that moves is found, turned and tilted as it is, and its sides have their length."""
     (before,) = find_markers(draw((7, -25.0, 30.0), dictionary=dictionary), dictionary, [7])
     (after,) = find_markers(draw((7, -23.2, 31.1), dictionary=dictionary), dictionary, [7])
-    assert before.corners_px is not None
-    assert after.corners_px is not None
     start, end = locate_marker(before.corners_px, PLANE), locate_marker(after.corners_px, PLANE)
     assert start.centre_mm == pytest.approx((-25.0, 30.0), abs=0.03)
     assert np.subtract(end.centre_mm, start.centre_mm) == pytest.approx((1.8, 1.1), abs=0.03)
@@ -74,8 +72,6 @@ def test_a_marker_beside_the_plane_is_measured_there() -> None:
     x_mm = -20.0
     pictures = [draw((7, -20.0, z_mm), x_mm=x_mm) for z_mm in (30.0, 33.0)]
     before, after = (find_markers(picture, "DICT_4X4_50", [7])[0].corners_px for picture in pictures)
-    assert before is not None
-    assert after is not None
     told = [locate_marker(corners, PLANE, x_mm) for corners in (before, after)]
     taken_for_flat = [locate_marker(corners, PLANE) for corners in (before, after)]
     assert told[0].centre_mm == pytest.approx((-20.0, 30.0), abs=0.1)

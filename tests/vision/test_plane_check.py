@@ -10,19 +10,13 @@ from labrig.errors import CalibrationRefusedError, PictureError
 from labrig.vision.calibrate_plane import calibrate_plane
 from labrig.vision.gel import Gel
 from labrig.vision.plane_check import check_grid, compare_grids
-from tests.vision.renderer import Camera, Photo, Sheet
-
-LENS = (-0.12, 0.03, 5e-4, -3e-4, 0.0)
-CAMERA = Camera((800, 600), 880.0, (404.3, 296.9), LENS, 880.0 / 15.6, 2.44, 35.0, 1.0, aspect=1.002)
-SHEET = Sheet(
-    "1/5/10", CAMERA, Photo(fall=0.25, blur_px=1.0, noise=4.0), ink="grey", width_mm=0.1, density=0.55
-)
+from tests.vision.test_plane import CAMERA, PAPER, picture_of
 
 
 @pytest.fixture(scope="module")
 def before():
     """Return the plane map, the picture of the paper that it was made from, and its check."""
-    picture = SHEET.draw()
+    picture = picture_of(PAPER)
     plane = calibrate_plane(picture, CAMERA.intrinsics, 1.0, (100.3, 200.7), "right", px_per_mm=14.0)
     return plane, picture, check_grid(picture, plane, 1.0)
 
@@ -44,7 +38,7 @@ def test_paper_seen_through_its_own_map_has_its_pitch(before):
 def test_paper_laid_anew_is_no_drift(before):
     """Turned and shifted paper has the same scale and shape: its place does not count."""
     plane, _, check = before
-    turned = replace(SHEET, camera=replace(CAMERA, roll_deg=4.0), photo=replace(SHEET.photo, seed=5))
+    turned = replace(PAPER, camera=replace(CAMERA, roll_deg=4.0), photo=replace(PAPER.photo, seed=5))
     drift = compare_grids(check, check_grid(turned.draw(), plane, 1.0))
     assert drift.accepted
     assert drift.relative < 1e-3

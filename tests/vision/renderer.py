@@ -103,12 +103,6 @@ class Camera:
         flat = np.linalg.inv(self._pose()) @ np.vstack((straight, np.ones(len(seen))))
         return np.asarray((flat[:2] / flat[2]).T)
 
-    def place_mm(self) -> FloatArray:
-        """Return where the camera stands: right, down, and height over the plane."""
-        pose = self._pose()
-        axes = np.column_stack((pose[:, :2], -np.cross(pose[:, 0], pose[:, 1])))
-        return np.asarray(-axes.T @ pose[:, 2])
-
     def picture_size_mm(self) -> tuple[float, float]:
         """Return how wide and high the picture is in the plane, through its middle."""
         width, height = self.size
@@ -183,10 +177,8 @@ class Photo:
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
     def _light(self, random: np.random.Generator, width: int, height: int) -> FloatArray:
-        x, y = (
-            (np.arange(width) - width / 2) / (width / 2),
-            (np.arange(height) - height / 2)[:, None] / (width / 2),
-        )
+        x, y = (2.0 * np.arange(size) / width - size / width for size in (width, height))
+        y = y[:, None]
         drawn, (right, down) = random.uniform(0.0, 2.0 * np.pi), random.uniform(-0.6, 0.6, 2)
         angle = drawn if self.towards_rad is None else self.towards_rad
         light = 1.0 + self.slope * (np.cos(angle) * x + np.sin(angle) * y)
@@ -200,9 +192,7 @@ RULINGS: dict[str, tuple[tuple[float, int], ...]] = {
     "1/5/10": ((1.0, 0), (5.0, 1), (10.0, 2)),
     "1/5": ((1.0, 0), (5.0, 1)),
     "1/10": ((1.0, 0), (10.0, 2)),
-    "1/2": ((1.0, 0), (2.0, 1)),
     "2": ((2.0, 0),),
-    "2/10": ((2.0, 0), (10.0, 2)),
     "1": ((1.0, 0),),
     "5": ((5.0, 1),),
 }
@@ -223,8 +213,8 @@ class Sheet:
     """A ruled sheet before a camera.
 
     `extent_mm` is the ruled part (left, top, right, bottom), `margin_mm` the bare paper around it, `behind` the grey
-    level of what lies beyond. `bulge_mm` moves the sheet's points sideways, as where it is not flat; `fold_deg` folds
-    its right half up. A pixel is the mean of `samples` squared.
+    level of what lies beyond. `bulge_mm` moves the sheet's points sideways, as where it is not flat. A pixel is the mean
+    of `samples` squared.
     """
 
     ruling: str = "1/5/10"
@@ -239,7 +229,6 @@ class Sheet:
     margin_mm: float = 4.0
     behind: float = 70.0
     bulge_mm: float = 0.0
-    fold_deg: float = 0.0
     samples: int = 3
 
     @property
@@ -251,7 +240,9 @@ class Sheet:
         """Return the picture; each line is drawn where the middle of a sample is covered by its width in mm."""
         width, height = self.camera.size
         print_, cover = np.zeros((2, height, width), np.float32)
-        corners = self.lay(see_plane(self.camera, 1.0))
+        corners = see_plane(self.camera, 1.0)
+        if self.bulge_mm:
+            corners = corners + np.float32(self.bulge_mm) * np.sin(corners[::-1] / np.float32(6.0))
         steps = (np.arange(self.samples, dtype=np.float32) + np.float32(0.5)) / self.samples
         for down in steps:
             edge = (1 - down) * corners[:, :-1] + down * corners[:, 1:]
@@ -270,17 +261,6 @@ class Sheet:
             for level, full in zip(PAPERS[self.paper], INKS[self.ink], strict=True)
         ]
         return self.photo.take(np.dstack(clean))
-
-    def lay(self, mm: Grid) -> Grid:
-        """Return the sheet's points (2, ...), along the paper, that are seen at points of the plane."""
-        if self.fold_deg:
-            x, y, z = self.camera.place_mm()
-            slope = np.tan(np.deg2rad(self.fold_deg))
-            right, down = mm[0] - x, mm[1] - y
-            along = (z - x * slope) / (z + right * slope)
-            risen = ((x + along * right) / np.cos(np.deg2rad(self.fold_deg)), y + along * down)
-            mm = np.where(mm[0] > 0.0, np.array(risen, mm.dtype), mm)
-        return mm + np.float32(self.bulge_mm) * np.sin(mm[::-1] / np.float32(6.0)) if self.bulge_mm else mm
 
     def is_inside(self, mm: Grid, margin_mm: float = 0.0) -> NDArray[np.bool_]:
         """Return whether points (2, ...) lie on the ruled part or at most `margin_mm` beside it."""
@@ -442,9 +422,8 @@ class Needle:
         flat = np.sqrt(1.0 - self.height**2) * np.cos(self.lamp_rad - normal)
         lit = np.maximum(aside * flat + up * self.height, 0.0)
         # Half way between the lamp and the camera, which looks straight down.
-        mirrored = np.maximum(
-            (aside * flat + up * (1.0 + self.height)) / np.sqrt(2.0 + 2.0 * self.height), 0.0
-        )
+        halfway = np.sqrt(2.0 + 2.0 * self.height)
+        mirrored = np.maximum((aside * flat + up * (1.0 + self.height)) / halfway, 0.0)
         return self.lamp * lit + self.glint * mirrored**60 + 0.5 * self.shading * aside
 
 
@@ -507,9 +486,8 @@ class Gel:
     def _draw_track(self, image: FloatArray, aside_mm: float, random: np.random.Generator) -> None:
         model = self.needle or Needle()
         entry = (model.entry_mm[0], model.entry_mm[1] + aside_mm)
-        course = replace(
-            model, radius_mm=model.radius_mm + random.normal(0.0, 0.5), length_mm=40.0, entry_mm=entry
-        )
+        radius_mm = model.radius_mm + random.normal(0.0, 0.5)
+        course = replace(model, radius_mm=radius_mm, length_mm=40.0, entry_mm=entry)
         line = np.rint(self.camera.to_px(course.path_mm()[::20])).astype(np.int32)
         width = max(1, int(random.uniform(0.3, 0.6) * self.camera.px_per_mm))
         mark = np.zeros(image.shape, np.uint8)
@@ -544,11 +522,7 @@ def draw_side_lit(seed: int, radii_mm: tuple[float, float], light: Light) -> Gel
     side = int(random.choice((-1, 1))) if light == "shaded across" else 0
     entry_mm = (random.uniform(8.0, 18.0), 24.5 - 12.0 * bend + random.uniform(-3.0, 3.0))
     px_per_mm, level = random.uniform(7.0, 14.0), random.uniform(140.0, 185.0)
-    slope, fall, ambient = (
-        lit * random.uniform(0.0, 0.3),
-        random.uniform(0.0, 0.2),
-        random.uniform(40.0, 65.0),
-    )
+    slope, fall, ambient = random.uniform((0.0, 0.0, 40.0), (0.3, 0.2, 65.0)).tolist()
     needle = Needle(
         radius_mm, length_mm, entry_mm, heading_rad, bend, bevel=1.5, level=ambient, sheath_level=ambient,
         lamp=lit * random.uniform(5.0, 35.0), lamp_rad=towards + random.uniform(-0.7, 0.7),
@@ -557,7 +531,7 @@ def draw_side_lit(seed: int, radii_mm: tuple[float, float], light: Light) -> Gel
         line_at=side * random.uniform(0.2, 0.5),
     )  # fmt: skip
     blur_px, halo, noise = random.uniform((0.6, 0.0, 1.5), (1.3, 0.1, 5.0)).tolist()
-    photo = Photo(0.5 * slope, 0.0, 0.25 * fall, needle.lamp_rad, blur_px, halo, noise, seed=seed)
+    photo = Photo(0.5 * lit * slope, 0.0, 0.25 * fall, needle.lamp_rad, blur_px, halo, noise, seed=seed)
     size = (round(87.0 * px_per_mm), round(49.0 * px_per_mm))
     return Gel(needle, flat_camera(px_per_mm, size), photo, level, tracks_mm=(), bubbles=0)
 
@@ -577,14 +551,7 @@ class Board:
         y, x = np.mgrid[: self.rows, : self.columns] * self.square_mm
         return np.column_stack((x.ravel(), y.ravel()))
 
-    def see(
-        self,
-        camera: Camera,
-        turn: FloatArray,
-        shift_mm: ArrayLike,
-        noise_px: float,
-        random: np.random.Generator,
-    ) -> FloatArray:
+    def see(self, camera, turn, shift_mm, noise_px, random):
         """Return the pixels of the corners of the board, turned (3, 3) about its middle, and that put at a place."""
         half = 0.5 * self.square_mm * np.array([self.columns - 1, self.rows - 1])
         flat = self.points_mm - half
@@ -600,11 +567,8 @@ class Board:
         views: list[FloatArray] = []
         while len(views) < count:
             way, tilt = random.uniform((0.0, 0.0), (2.0 * np.pi, np.deg2rad(tilt_deg)))
-            turn = (
-                turn_about(0.0, 0.0, way)
-                @ turn_about(tilt)
-                @ turn_about(0.0, 0.0, random.normal(0.0, 0.2) - way)
-            )
+            back = turn_about(0.0, 0.0, random.normal(0.0, 0.2) - way)
+            turn = turn_about(0.0, 0.0, way) @ turn_about(tilt) @ back
             shift = self.square_mm * self.columns * random.uniform((-0.4, -0.25, 1.0), (0.4, 0.25, 1.8))
             seen = self.see(camera, turn, shift, noise_px, random)
             if (seen > 5.0).all() and (seen < np.array(camera.size) - 5.0).all():

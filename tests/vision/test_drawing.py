@@ -18,9 +18,8 @@ PATH, TARGET, OBSTACLE, AXES, SHEATH = (
 def test_each_part_is_drawn_where_the_plane_puts_it(insertion: Direction) -> None:
     """Points are (y, z): the path leads along z, the target is aside of it by its y, and so are ring and obstacle."""
     plane = PlaneMap.from_scale(PX_PER_MM, (200.0, 200.0), insertion)
-    plan = DrawnPlan(
-        np.array([(-2.0, 5.0), (-2.0, 25.0)]), (6.0, 20.0), 2.0, (((-10.0, 12.0), 3.0),), ((-15.0, 0.0), 0.0)
-    )
+    path_mm, obstacles = np.array([(-2.0, 5.0), (-2.0, 25.0)]), (((-10.0, 12.0), 3.0),)
+    plan = DrawnPlan(path_mm, (6.0, 20.0), 2.0, obstacles, ((-15.0, 0.0), 0.0))
     image = np.full((400, 400), 90, np.uint8)
     drawn = draw_plan(image, plane, plan)
 

@@ -67,12 +67,16 @@ def test_camera_that_was_tilted_refuses(before):
 
 @pytest.mark.parametrize("factor", [5.0, 0.5])
 def test_a_map_of_another_scale_is_refused(before, factor):
-    """Through a map of a multiple of the scale the paper's lines are not where they would be."""
+    """Through it the paper's lines are not where they would be; missing paper and another picture are refused too."""
     plane, picture, _ = before
     wrong = plane.change(homography=np.diag([factor, factor, 1.0]) @ plane.matrix)
     with pytest.raises(CalibrationRefusedError, match=r"px apart|no grid of ruled lines") as caught:
         check_grid(picture, wrong, 1.0)
     assert "calibrate the plane again" in caught.value.hint
+    with pytest.raises(CalibrationRefusedError, match="no grid"):
+        check_grid(np.full_like(picture, 128), plane, 1.0)
+    with pytest.raises(PictureError, match="the plane map is for"):
+        check_grid(picture[:100], plane, 1.0)
 
 
 def test_a_camera_that_was_moved_before_the_run_is_refused(before):
@@ -91,12 +95,3 @@ def test_the_paper_lies_in_air_where_the_map_corrects_for_gel(before):
     plane, picture, check = before
     behind = plane.change(gel=Gel(index=1.35, depth_mm=10.0, paper_at="surface"))
     assert check_grid(picture, behind, 1.0) == check
-
-
-def test_pictures_without_a_grid_are_refused(before):
-    """Missing paper and a picture of another size are refused, each with its reason."""
-    plane, picture, _ = before
-    with pytest.raises(CalibrationRefusedError, match="no grid"):
-        check_grid(np.full_like(picture, 128), plane, 1.0)
-    with pytest.raises(PictureError, match="the plane map is for"):
-        check_grid(picture[:100], plane, 1.0)

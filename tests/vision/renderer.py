@@ -213,8 +213,8 @@ class Sheet:
     """A ruled sheet before a camera.
 
     `extent_mm` is the ruled part (left, top, right, bottom), `margin_mm` the bare paper around it, `behind` the grey
-    level of what lies beyond. `bulge_mm` moves the sheet's points sideways, as where it is not flat. A pixel is the mean
-    of `samples` squared.
+    level of what lies beyond. `bulge_mm` moves the sheet's points sideways, as where it is not flat. A pixel is the
+    mean of `samples` squared.
     """
 
     ruling: str = "1/5/10"

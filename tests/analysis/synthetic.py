@@ -9,13 +9,9 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, opening_files
-from labrig.simulation.description import WorldDescription
-from labrig.simulation.world import World
 from labrig.vision.calibration_file import save_plane
 from labrig.vision.plane import PlaneMap
 from tests.protocol_texts import load_text
@@ -72,7 +68,7 @@ def plane_file(folder: Path) -> Path:
     return path
 
 
-def _create(folder: Path, name: str, text: str, plane: Path | None, **manifest: object) -> Recorder:
+def create_record(folder: Path, name: str, text: str, plane: Path | None, **manifest: object) -> Recorder:
     """Begin the record of a protocol, with a plane map."""
     protocol = load_text(f"schema_version: 1\n{text}")
     files = opening_files(dump_yaml(protocol), None, {"plane.json": plane} if plane else {})
@@ -85,7 +81,8 @@ def _create(folder: Path, name: str, text: str, plane: Path | None, **manifest: 
     return Recorder.create(folder, name, {**told, **manifest}, files)
 
 
-def _close(recorder: Recorder, exit_status: str | None = "success") -> Run:
+def close_record(recorder: Recorder, exit_status: str | None = "success") -> Run:
+    """Close a record, unless it is left where it stands, and open it."""
     if exit_status is not None:
         recorder.close(exit_status, "" if exit_status == "success" else "the operator said no", NOW)
     return open_run(recorder.path)
@@ -114,14 +111,14 @@ analysis: {_ANALYSIS}
 """
     planned = {"seed": 7, "trials_planned": insertions * len(specimens), "devices": DEVICES}
     plane = plane_file(folder) if sweep.plane else None
-    recorder = _create(folder, "run", text, plane, operator=sweep.operator, **planned)
+    recorder = create_record(folder, "run", text, plane, operator=sweep.operator, **planned)
     trial = 0
     for name, radii_mm in sweep.radii_mm.items():
         for hole, radius_mm in enumerate(radii_mm):
             place: dict[str, object] = {"specimen": name, "gelatin_percent": specimens[name], "hole": hole}
             _record_trial(recorder, sweep, trial, place, radius_mm)
             trial += 1
-    return _close(recorder, sweep.exit_status)
+    return close_record(recorder, sweep.exit_status)
 
 
 def _record_trial(
@@ -161,67 +158,11 @@ sheath_diameter_mm: 2.0
 scale: {{px_per_mm: 10, origin_px: [120, 70], insertion: right}}
 analysis: {_ANALYSIS}
 """
-    recorder = _create(folder, "import", text, None)
+    recorder = create_record(folder, "import", text, None)
     for number, radius_mm in enumerate(radii_mm):
         named = {"role": "imported", "source": f"photo{number}.jpg"}
         recorder.frame(needle_picture(radius_mm), float(number), trial=None, **named)
-    return _close(recorder)
-
-
-def record_roll_zero(folder: Path, zero_rad: float, without_needle: frozenset[int] = frozenset()) -> Run:
-    """Record short insertions at six rolls of a needle that bends towards -y at `zero_rad`, and open the run."""
-    text = """
-experiment: roll-zero
-title: Roll zero
-seed: 1
-needle: {needle_id: N1, diameter_mm: 1.2, design_radius_mm: 28}
-sheath: {depth_mm: 15, speed_mm_s: 5, diameter_mm: 2.0}
-insertion: {speed_mm_s: 1, withdraw_speed_mm_s: 5}
-roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 14, max_sd_deg: 3}
-"""
-    recorder = _create(folder, "roll-zero", text, plane_file(folder))
-    for step in range(6):
-        roll_rad = step * np.pi / 3
-        picture = needle_picture(None if step in without_needle else 28.0, 14.0, step, roll_rad - zero_rad)
-        place = {"insertion_mm": 14.0, "rotation_rad": roll_rad, "linear_mm": 15.0}
-        recorder.frame(picture, 60.0 * step, trial=None, role="roll-zero", **place)
-    return _close(recorder)
-
-
-def record_calibration(
-    folder: Path,
-    views: int,
-    *,
-    hold_board: bool = True,
-    gel: str = "null",
-    last: Path | None = None,
-    distance_mm: float | None = 116.0,
-) -> Run:
-    """Record a camera calibration by the simulated world's camera into `folder/calibration` and open it.
-
-    Without `hold_board` the graph paper is photographed in place of the board: bare gel would take OpenCV's search for
-    a board forty times as long. `last` is the plane map of the rig when the run begins.
-    """
-    distance = "null" if distance_mm is None else distance_mm
-    text = f"""
-experiment: camera-calibration
-title: Camera
-seed: 1
-board: {{columns: 9, rows: 6, square_mm: 4}}
-views: 12
-plane: {{pitch_mm: 1, distance_mm: {distance}, origin_px: [320, 200], insertion: right, gel: {gel}}}
-"""
-    camera = {"readback": {"pixel_format": "GREY"}, "reported": {"focus": 0}}
-    recorder = _create(folder, "calibration", text, last, devices={"camera": camera})
-    world = World(WorldDescription(), seed=1)
-    for view in range(views + bool(views)):
-        if hold_board and view < views:
-            world.hold_board(view, 9, 6, 4.0)
-        else:
-            world.lay_graph_paper(1.0)
-        role = "board" if view < views else "graph-paper"
-        recorder.frame(world.picture(), float(view), trial=None, role=role)
-    return _close(recorder, "success" if views else "aborted")
+    return close_record(recorder)
 
 
 def _quote(text: str) -> str:

@@ -29,6 +29,7 @@ FIELDS: dict[str, Any] = {
     [
         ("gelatin_percent=13 and exit_status=success", True),
         ("gelatin_percent=16", False),
+        ("percent=13", False),
         ("gelatin_percent=10 and gelatin_percent=13", True),
         ("gelatin_percent!=13", False),
         ("gelatin_percent!=16", True),
@@ -80,8 +81,9 @@ def test_what_cannot_be_read_is_refused_with_its_place(text: str, words: str) ->
 
 def test_a_field_that_no_run_has_is_refused_with_those_that_there_are() -> None:
     """A misspelt field is named with its place and the one that was probably meant; nonsense means none."""
-    seed, gel = parse_condition("seed=7 and gelatine_percent=13").comparisons
-    assert gel.refuse(FIELDS).message == "--where, character 12: no run has a field 'gelatine_percent'"
+    for value in ("13", "soft", "'soft gel'"):
+        seed, gel = parse_condition(f"seed=7 and gelatine_percent={value}").comparisons
+        assert gel.refuse(FIELDS).message == "--where, character 12: no run has a field 'gelatine_percent'"
     assert gel.refuse(FIELDS).hint.startswith("did you mean gelatin_percent? fields: run, protocol")
     assert seed.refuse({"nonsense"}).hint.startswith("fields: run, protocol")
 
@@ -160,11 +162,11 @@ def test_a_list_reads_one_small_file_a_run(tmp_path: Path) -> None:
 def test_tags_notes_and_a_verdict_are_kept(tmp_path: Path) -> None:
     """They add up, the last verdict counts, and the record stays as it is."""
     run = closed_run(tmp_path)
-    annotate_run(run, tags=["pilot", "gel 10"], note="it slipped", verdict="bad", by="me")
+    annotate_run(run, tags=["pilot", "gel 10"], note="x" * 10_000, verdict="bad", by="me")
     annotate_run(run, tags=["pilot"], untag=["gel 10"], note="not in trial 2", verdict="doubtful", by="you")
     found = read_annotations(run)
     assert (found.tags, found.verdict) == (("pilot",), "doubtful")
-    assert [(note.text, note.by) for note in found.notes] == [("it slipped", "me"), ("not in trial 2", "you")]
+    assert [(note.text, note.by) for note in found.notes] == [("x" * 10_000, "me"), ("not in trial 2", "you")]
     assert (check_run(run).damage, check_run(run).notices) == ((), ())
 
 

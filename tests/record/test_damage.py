@@ -134,18 +134,14 @@ def test_nothing_is_read_through_a_link_or_out_of_the_run(tmp_path: Path) -> Non
 
 
 def test_what_a_run_began_with_is_covered_before_it_ends(tmp_path: Path) -> None:
-    """Protocol, rig and calibration from the start, and each picture by its line."""
+    """Protocol, rig and calibration, and each picture by its line; files that nothing covers yet are no strangers."""
+    recorder = begin(tmp_path)
+    fill(recorder)
+    found = check_run(recorder.path)
+    assert (found.damage, found.notices, found.writer is None) == ((), (), False)
+    assert (found.holds["frames"], found.holds["trials_done"]) == (4, 2)
     for file in ("protocol.yaml", "rig.yaml", "calibration/plane.json", "frames/000001.png"):
         run = killed_run(tmp_path / file.replace("/", "-"))
         assert check_run(run).damage == ()
         (run / file).write_bytes(b"other")
         assert [problem.where for problem in check_run(run).damage] == [file]
-
-
-def test_a_run_that_is_being_written_is_sound(tmp_path: Path) -> None:
-    """Also its files that nothing covers yet are no strangers."""
-    recorder = begin(tmp_path)
-    fill(recorder)
-    found = check_run(recorder.path)
-    assert (found.damage, found.notices) == ((), ())
-    assert (found.writer is None, found.holds["frames"], found.holds["trials_done"]) == (False, 4, 2)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import DiskError, LockedError
-from labrig.record.lock import FileLock, read_lock_owner
+from labrig.record.lock import FileLock, LockOwner, read_lock_owner
 from tests.disks import full_disk
 
 HOLDER = """
@@ -62,13 +62,14 @@ def test_whoever_asks_for_the_owner_makes_nobody_fail(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", [b"", b'{"pid": 1', b"[]", b'{"pid": "x"}', b"\xff\xfe"])
 def test_a_text_that_is_no_owner_does_not_hold_a_lock(tmp_path: Path, text: bytes) -> None:
-    """A torn or foreign text is replaced; no owner is invented for it."""
-    path = tmp_path / "lock"
-    (tmp_path / "lock.owner").write_bytes(text)
+    """A torn or foreign text is replaced; no owner is invented for it, but that of a lock that is held is unknown."""
+    path, told = tmp_path / "lock", tmp_path / "lock.owner"
+    told.write_bytes(text)
     assert read_lock_owner(path) is None
     with FileLock(path).acquire("labrig run"):
-        owner = read_lock_owner(path)
-    assert owner.pid == os.getpid()
+        assert read_lock_owner(path).pid == os.getpid()
+        told.write_bytes(text)
+        assert read_lock_owner(path) == LockOwner("another labrig", 0, platform.node())
 
 
 def test_a_lock_that_cannot_be_written_is_not_kept(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ import scipy.io
 from labrig.record.notes import annotate_run
 from labrig.record.reader import Run, open_run
 from labrig.report.tables import WRITERS, run_tables, write_tables
-from tests.analysis.insertions import observations, record_insertion
 from tests.analysis.synthetic import NOW
+from tests.experiments.insertion.recorded import observations, record_insertion
 from tests.experiments.insertion.test_procedure import analyse
 from tests.record.runs import closed_run
 

@@ -16,10 +16,10 @@ from tests.analysis.synthetic import (
     PROVENANCE,
     SyntheticSweep,
     abort_sweep,
-    record_calibration,
     record_import,
     record_sweep,
 )
+from tests.experiments.camera_calibration.recorded import record_calibration
 from tests.pages import write_page
 from tests.report.conftest import HOSTILE, WrittenPage, make_page
 

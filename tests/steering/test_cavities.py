@@ -110,15 +110,11 @@ def test_a_needle_is_steered_through_a_cavity():
     assert np.linalg.norm(needle.place - problem.target_mm) < 1.0
 
 
-@pytest.mark.parametrize(("share", "limit_deg"), [(0.05, 1.4), (0.2, 1.5)])
-def test_scattered_false_sightings_hardly_turn_the_heading(share, limit_deg):
-    """With one false sighting in twenty, or in five, the heading is as good as in the figures of the benchmark."""
-    assert scattered_rmse_deg(5, share) < limit_deg
-
-
-def test_six_false_sightings_in_a_row_hardly_turn_the_heading():
-    """A thing beside the tip that is seen six times is left again without a turn of the heading."""
-    assert streak_rmse_deg(5) < 4.0
+@pytest.mark.parametrize(("share", "limit_deg"), [(0.05, 1.4), (0.2, 1.5), (0.0, 4.0)])
+def test_false_sightings_hardly_turn_the_heading(share, limit_deg):
+    """One in twenty or in five, as in the benchmark; a thing seen six times in a row is left again without a turn."""
+    rmse_deg = scattered_rmse_deg(5, share) if share else streak_rmse_deg(5)
+    assert rmse_deg < limit_deg
 
 
 def test_after_false_sightings_the_next_must_be_closer_to_count():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.optimize import minimize
 
 from labrig.vision.gel import Gel, Layer
@@ -84,3 +85,5 @@ def test_each_known_deviation_moves_one_quantity():
         "the thickness of layer 2",
         "the tilt of the gel's surface",
     )
+    with pytest.raises(ValidationError, match="frozen"):
+        gel.index = 1.4  # type: ignore[misc]

@@ -71,19 +71,18 @@ def test_refuses_pixels_beyond_the_fold():
 
 @pytest.mark.processors
 def test_finds_the_camera_that_took_the_views():
-    """Careful views of a board give the drawn camera within three standard deviations, and are accepted."""
-    found = calibrate(good_views())
+    """Careful views of a board give the drawn camera within three standard deviations, and are accepted.
+
+    The document has every key of the interface, and each view its four keys.
+    """
+    found = calibrate(good_views(), [f"view{n}.png" for n in range(8)])
     for name, true in [("fx", 1400.0), ("fy", 1403.0), ("cx", 645.0), ("cy", 352.0)]:
         assert abs(getattr(found, name) - true) < 3.0 * found.sigma[name], name
     assert found.accepted, found.reasons
     assert found.rms_px == pytest.approx(0.1 * np.sqrt(2.0), rel=0.1)
     assert found.holdout_rms_px == pytest.approx(found.rms_px, rel=0.2)
     assert all(view.used for view in found.views)
-
-
-def test_to_json_holds_the_keys_that_others_rely_on():
-    """The document has every key of the interface, and each view its four keys."""
-    document = calibrate(good_views(), [f"view{n}.png" for n in range(8)]).to_json()
+    document = found.to_json()
     keys = "accepted reasons fx fy cx cy sigma distortion rms_px holdout_rms_px"
     assert set(keys.split()) < set(document)
     assert list(document["sigma"]) == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]

@@ -58,15 +58,15 @@ def furthest_off(plane, sheet, insertion="right"):
 
 @pytest.mark.parametrize("insertion", DIRECTIONS)
 def test_scale_follows_the_conventions(insertion):
-    """A stated scale puts +z along the insertion and +y where the right-handed frame has it."""
+    """A stated scale puts +z along the insertion and +y where the right-handed frame has it, and so does paper."""
     plane = PlaneMap.from_scale(5.0, (30.0, 40.0), insertion)
     assert plane.to_mm([(30, 40), (35, 40), (30, 45)]) == pytest.approx(
         np.vstack(((0, 0), np.transpose(FRAMES[insertion]))), abs=1e-12
     )
     assert plane.to_px(plane.to_mm([(-7.0, 1e4)])) == pytest.approx(np.array([(-7.0, 1e4)]))
     assert plane.mm_per_px == pytest.approx(0.2)
-    assert plane.accepted
-    assert plane.rms_mm is None
+    assert (plane.accepted, plane.rms_mm) == (True, None)
+    assert furthest_off(calibrate(SMALL, insertion), SMALL, insertion) < 0.02
 
 
 @pytest.mark.processors
@@ -81,14 +81,6 @@ def test_paper_gives_the_plane_to_a_fiftieth_of_a_millimetre():
     assert plane.mm_per_px == pytest.approx(1 / 15.6, rel=0.05)
     assert plane.rms_mm < 0.02
     assert plane.holdout_rms_mm == pytest.approx(plane.rms_mm, rel=0.2)
-
-
-@pytest.mark.parametrize("insertion", DIRECTIONS)
-def test_paper_gives_the_plane_in_the_stated_frame(insertion):
-    """Whichever way the insertion points in the picture."""
-    plane = calibrate(SMALL, insertion)
-    assert plane.accepted, plane.reasons
-    assert furthest_off(plane, SMALL, insertion) < 0.02
 
 
 def draw_traces(picture):
@@ -172,20 +164,16 @@ def test_without_intrinsics_one_radial_term_is_fitted():
     assert furthest_off(plane, plain) < 0.005
 
 
-def test_refuses_paper_that_is_not_flat():
-    """Wavy paper is refused; the reason names how far it is off, and where."""
+def test_refuses_paper_that_is_not_flat_or_lies_askew_and_a_refused_lens():
+    """Wavy paper is refused with how far it is off; lines at nearly 45 degrees leave the direction to chance."""
     plane = calibrate(replace(PAPER, bulge_mm=0.12))
-    assert not plane.accepted
     assert any("off a plane" in reason and "flat" in reason for reason in plane.reasons)
     assert plane.rms_mm > 0.05
-
-
-def test_refuses_paper_laid_askew_and_a_refused_lens():
-    """Lines at nearly 45 degrees leave the direction to chance."""
     askew = calibrate(replace(SMALL, camera=replace(SMALL.camera, roll_deg=38.0)))
     assert any(re.search(r"turned by 3[78]\.\d degrees", reason) for reason in askew.reasons)
     refused = calibrate(SMALL, lens=replace(SMALL.camera.intrinsics, accepted=False))
     assert any("itself refused" in reason for reason in refused.reasons)
+    assert not any(found.accepted for found in (plane, askew, refused))
 
 
 @pytest.mark.parametrize(("width_px", "enough"), [(280, False), (360, True)])
@@ -293,7 +281,7 @@ def test_a_scale_or_a_pitch_that_the_sheet_contradicts_is_refused(sheet, off, pi
 
 @pytest.mark.parametrize("turn_deg", [20.0, 45.0])
 def test_a_second_sheet_is_refused(turn_deg):
-    """Two sheets in one picture, of which one is turned."""
+    """Two sheets in one picture, of which one is turned; and a picture that is white everywhere."""
     first, second = (
         picture_of(sheet_of(roll_deg=roll, photo=replace(COLOURED.photo, seed=number)))
         for number, roll in enumerate((0.0, turn_deg))
@@ -302,6 +290,8 @@ def test_a_second_sheet_is_refused(turn_deg):
     with pytest.raises(MeasurementRefusedError, match="two sheets") as caught:
         find_paper(both, 8.0)
     assert "take one" in caught.value.hint
+    with pytest.raises(MeasurementRefusedError, match="overexposed"):
+        find_paper(np.full_like(both, 255), 8.0)
 
 
 def test_what_covers_the_paper_from_side_to_side_makes_no_second_sheet():
@@ -309,13 +299,6 @@ def test_what_covers_the_paper_from_side_to_side_makes_no_second_sheet():
     covered = picture_of(COLOURED).copy()
     covered[100:130] = 240
     assert COLOURED.length_error(calibrate(COLOURED, picture=covered)) < 1e-3
-
-
-def test_an_overexposed_picture_is_the_reason():
-    """White everywhere: the hint is a shorter exposure."""
-    with pytest.raises(MeasurementRefusedError, match="overexposed") as caught:
-        find_paper(np.full((320, 480, 3), 255, np.uint8), 8.0)
-    assert "exposure" in caught.value.hint
 
 
 def test_a_lens_through_which_the_grid_is_no_square_is_refused():

@@ -12,7 +12,8 @@ from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane, read_camera, save_plane
 from labrig.vision.gel import Gel, Layer
 from labrig.vision.plane import PlaneMap
-from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
+from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.experiments.camera_calibration.recorded import record_calibration
 from tests.pages import write_page
 
 

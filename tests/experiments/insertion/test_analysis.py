@@ -7,7 +7,7 @@ import pytest
 
 from labrig.errors import InputError
 from labrig.record.reader import open_run
-from tests.analysis.insertions import analyse_recorded, observations, record_insertion
+from tests.experiments.insertion.recorded import analyse_recorded, observations, record_insertion
 from tests.experiments.insertion.test_procedure import analyse
 
 

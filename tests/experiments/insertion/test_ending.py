@@ -12,7 +12,7 @@ from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import summarise
 from labrig.experiments.insertion.settings import make_out_of_plane
 from labrig.steering.out_of_plane import OutOfPlaneBudget, budget_out_of_plane
-from tests.analysis.insertions import analyse_recorded, record_insertion
+from tests.experiments.insertion.recorded import analyse_recorded, record_insertion
 from tests.experiments.insertion.test_procedure import analyse, events, insertion
 
 SURE, UNSURE, ELSEWHERE = (), ("out_of_plane.heading_sd_deg_per_root_mm=1",), ("target.sd_mm=1.5",)

@@ -11,8 +11,8 @@ from labrig.experiments.registry import find_run_experiment, follow_run, make_ru
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
-from tests.analysis.insertions import record_insertion
 from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.experiments.insertion.recorded import record_insertion
 from tests.pages import write_page
 from tests.rerun_files import read_view
 

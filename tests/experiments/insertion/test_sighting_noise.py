@@ -5,7 +5,7 @@ import re
 import pytest
 
 from labrig.experiments.insertion.result import describe_sighting_noise
-from tests.analysis.insertions import analyse_recorded
+from tests.experiments.insertion.recorded import analyse_recorded
 
 _NOISE = {
     "mean_nis": 2.0,

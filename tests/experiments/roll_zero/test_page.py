@@ -4,13 +4,35 @@ import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from labrig.experiments.roll_zero.result import RollZeroResult
-from tests.analysis.synthetic import record_roll_zero
+from labrig.record.reader import Run
+from tests.analysis.synthetic import close_record, create_record, needle_picture, plane_file
 from tests.report.conftest import make_page
 
 ZERO_RAD = math.radians(20.0)
+
+
+def record_roll_zero(folder: Path, zero_rad: float, without_needle: frozenset[int] = frozenset()) -> Run:
+    """Record short insertions at six rolls of a needle that bends towards -y at `zero_rad`, and open the run."""
+    text = """
+experiment: roll-zero
+title: Roll zero
+seed: 1
+needle: {needle_id: N1, diameter_mm: 1.2, design_radius_mm: 28}
+sheath: {depth_mm: 15, speed_mm_s: 5, diameter_mm: 2.0}
+insertion: {speed_mm_s: 1, withdraw_speed_mm_s: 5}
+roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 14, max_sd_deg: 3}
+"""
+    recorder = create_record(folder, "roll-zero", text, plane_file(folder))
+    for step in range(6):
+        roll_rad = step * np.pi / 3
+        picture = needle_picture(None if step in without_needle else 28.0, 14.0, step, roll_rad - zero_rad)
+        place = {"insertion_mm": 14.0, "rotation_rad": roll_rad, "linear_mm": 15.0}
+        recorder.frame(picture, 60.0 * step, trial=None, role="roll-zero", **place)
+    return close_record(recorder)
 
 
 def test_the_zero_is_drawn_and_each_insertion_has_its_line_and_its_picture(tmp_path: Path) -> None:

@@ -11,8 +11,7 @@ from labrig.errors import FileFormatError, InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.design_file import load_design
 from labrig.protocol.load import load_protocol, load_recorded_protocol
-from labrig.protocol.schema import schema_text
-from labrig.protocol.specimen_file import MOST_TRACKS, load_specimen, specimen_schema
+from labrig.protocol.specimen_file import MOST_TRACKS, load_specimen
 from labrig.protocol.yaml_file import dump_yaml
 from tests.protocol.designs import sweep_with, write_design
 from tests.protocol.specimens import make_track, sweep_in, write_specimen
@@ -85,12 +84,6 @@ def test_a_design_that_cannot_be_used_is_refused_at_its_line(lines, words, tmp_p
 
 
 ROOT = Path(__file__).parents[2]
-
-
-def test_the_committed_schema_is_that_of_the_model():
-    """data/specimens/specimen.schema.json is what labrig init writes."""
-    committed = ROOT / "data" / "specimens" / "specimen.schema.json"
-    assert committed.read_text(encoding="utf-8") == schema_text(specimen_schema())
 
 
 def test_a_gel_has_what_its_specimen_file_says(tmp_path):

@@ -9,6 +9,7 @@ from typing import Any
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import protocol_schema
 from labrig.protocol.schema import schema_text
+from labrig.protocol.specimen_file import specimen_schema
 
 COMMITTED = Path(__file__).parents[2] / "protocols" / "protocol.schema.json"
 
@@ -36,6 +37,8 @@ def test_the_committed_schema_is_current():
     assert COMMITTED.read_text(encoding="utf-8") == schema_text(protocol_schema(PROTOCOL_MODELS)), (
         "the committed schema is out of date; run: labrig init ."
     )
+    specimens = COMMITTED.parents[1] / "data" / "specimens" / "specimen.schema.json"
+    assert specimens.read_text(encoding="utf-8") == schema_text(specimen_schema())
 
 
 def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():

@@ -108,7 +108,6 @@ def test_the_base_is_never_driven_beyond_its_limits(arcs_mm, lag, limit_rad):
         assert abs(turn.to_rad) <= limit_rad
         assert abs(turn.farthest_rad) <= limit_rad
         assert abs(turn.to_rad - before_rad) == pytest.approx(math.pi)
-
         assert turn.overshoot_rad * turn.direction >= 0.0
         before_rad = turn.to_rad
 

@@ -14,7 +14,6 @@ from tests.vision.renderer import FloatArray, Gel, Needle, Photo, flat_camera
 
 PX_PER_MM, ORIGIN_PX, SIZE_PX = 10.0, (150.0, 160.0), (1300, 220)
 FOOT_MM, CAMERA_MM = (0.0, 50.0), 185.0
-NEEDLE_MM, SHEATH_MM = 1.2, 2.0
 PLANE = PlaneMap.from_scale(PX_PER_MM, ORIGIN_PX, "right", SIZE_PX)
 PERSPECTIVE = Perspective(np.array(FOOT_MM), CAMERA_MM)
 STEP_MM = 0.05
@@ -63,7 +62,7 @@ def measure(needle, before_mm, inserted_mm=None, way_mm=None):
     """Measure the depth of a drawn needle that wanders, with the standard deviation of its end beforehand."""
     photo, camera = Photo(noise=2.0), replace(flat_camera(PX_PER_MM, SIZE_PX), origin_px=ORIGIN_PX)
     picture = Gel(needle, camera, photo, 175.0, tracks_mm=(), bubbles=0).draw()
-    end = measure_shaft_tip(picture, PLANE, NEEDLE_MM, SHEATH_MM)
+    end = measure_shaft_tip(picture, PLANE, 1.2, 2.0)
     at_mm = np.linspace(0.0, needle.length_mm, 40)
     first, second = np.minimum.outer(at_mm, at_mm), np.maximum.outer(at_mm, at_mm)
     covariance = before_mm**2 * first**2 * (3 * second - first) / (2 * needle.length_mm**3)

@@ -16,7 +16,6 @@ from labrig.vision.plane import PlaneMap
 from tests.vision.renderer import FRAMES, Camera, Photo, Sheet
 
 ORIGIN = (100.3, 200.7)
-DIRECTIONS = tuple(FRAMES)
 LENS = (-0.12, 0.03, 5e-4, -3e-4, 0.0)
 CAMERA = Camera((800, 600), 880.0, (404.3, 296.9), LENS, 880.0 / 15.6, 2.44, 35.0, 1.0, aspect=1.002)
 GREY = Photo(fall=0.25, blur_px=1.0, noise=4.0)
@@ -56,7 +55,7 @@ def furthest_off(plane, sheet, insertion="right"):
     return np.linalg.norm(plane.to_mm(px) - true, axis=1).max()
 
 
-@pytest.mark.parametrize("insertion", DIRECTIONS)
+@pytest.mark.parametrize("insertion", FRAMES)
 def test_scale_follows_the_conventions(insertion):
     """A stated scale puts +z along the insertion and +y where the right-handed frame has it, and so does paper."""
     plane = PlaneMap.from_scale(5.0, (30.0, 40.0), insertion)

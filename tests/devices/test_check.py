@@ -1,5 +1,6 @@
 """`labrig devices check`, below the command line."""
 
+import os
 from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
@@ -179,10 +180,16 @@ def test_currents_inputs_and_camera_are_checked() -> None:
 
 
 def test_a_rig_in_use_is_left_alone(tmp_path: Path) -> None:
-    """Its user is named; its bus is not opened."""
+    """Its user is named; its bus is not opened, also where only that is in use, by a rig of another file."""
     description = STATEFUL.placed_in(tmp_path)
     with acquire_rig(description, "labrig run x.yaml"):
         results = _by_name(check_rig(description))
     assert results["rig"].status is WARN
     assert "labrig run x.yaml" in results["rig"].value
+    assert "bus" not in results
+    other = load_rig(BENCH, [f"can.channel=can{os.getpid()}"])
+    (tmp_path / "other").mkdir()
+    with acquire_rig(other.placed_in(tmp_path), "labrig run x.yaml"):
+        results = _by_name(check_rig(other.placed_in(tmp_path / "other")))
+    assert results["rig"].status is WARN
     assert "bus" not in results

@@ -11,7 +11,7 @@ from hypothesis import settings
 
 gc.disable()
 settings.register_profile("labrig", deadline=None, derandomize=True, max_examples=60)
-settings.register_profile("random", deadline=None, max_examples=60, print_blob=True)
+settings.register_profile("random", deadline=None, max_examples=20, print_blob=True)
 settings.load_profile("labrig")
 
 

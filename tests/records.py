@@ -14,18 +14,17 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from tests.small_camera import SMALL_CAMERA, set_options
+
 KEPT = Path("tests/records")
 FOUND = KEPT / "camera-calibration" / "analysis" / "001"
-SMALL = shlex.split("""
-  --rig calibration/rig-simulated.yaml
-  --set rig.world.noise_sd=0 --set rig.recording.state_rate_hz=2
-  --set rig.can.heartbeat.period_ms=250 --set rig.can.heartbeat.timeout_ms=1250
-  --set rig.camera.width_px=352 --set rig.camera.height_px=224
-  --set rig.world.lens.width_px=352 --set rig.world.lens.height_px=224
-  --set rig.world.lens.fx_px=493 --set rig.world.lens.fy_px=494
-  --set rig.world.lens.cx_px=178 --set rig.world.lens.cy_px=110
-  --set rig.world.lens.distance_mm=63 --set rig.camera.distance_mm=63 --set rig.world.lens.origin_px=[123,112]
-""")
+SMALL = [
+    *("--rig", "calibration/rig-simulated.yaml"),
+    *set_options(
+        *SMALL_CAMERA, "camera.distance_mm=63", "world.noise_sd=0", "recording.state_rate_hz=2",
+        "can.heartbeat.period_ms=250", "can.heartbeat.timeout_ms=1250",
+    ),
+]  # fmt: skip
 QUICK = [*SMALL, *shlex.split(f"""
   --set rig.calibration.intrinsics=../{FOUND}/intrinsics.json --set rig.calibration.plane=../{FOUND}/plane.json
   --set sheath.speed_mm_s=15 --set insertion.speed_mm_s=5 --set insertion.withdraw_speed_mm_s=15

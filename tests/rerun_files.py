@@ -26,16 +26,5 @@ def read_view(path: Path) -> dict[str, list[Any]]:
     }
 
 
-def read_colours(path: Path) -> dict[str, int]:
-    """Return the colour of each curve of a file."""
-    found: dict[str, int] = {}
-    for chunk in rr.chunk.RrdReader(path).stream():
-        batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            if name.endswith("SeriesLines:colors"):
-                found[_plain(str(chunk.entity_path))] = batch.column(name).to_pylist()[0][0]
-    return found
-
-
 def _plain(entity_path: str) -> str:
     return entity_path.replace("\\", "")

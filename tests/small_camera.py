@@ -3,27 +3,16 @@
 The calibration is that of the kept records, which were taken with the same camera.
 """
 
-import json
 from pathlib import Path
 
 _FOUND = Path(__file__).parent / "records" / "camera-calibration" / "analysis" / "001"
 
 SMALL_WIDTH_PX, SMALL_HEIGHT_PX = 352, 224
-
-_LENS = {
-    "width_px": SMALL_WIDTH_PX,
-    "height_px": SMALL_HEIGHT_PX,
-    "fx_px": 493,
-    "fy_px": 494,
-    "cx_px": 178,
-    "cy_px": 110,
-    "distance_mm": 63,
-    "origin_px": [123, 112],
-}
+_LENS = "fx_px: 493, fy_px: 494, cx_px: 178, cy_px: 110, distance_mm: 63, origin_px: [123, 112]"
 SMALL_CAMERA = (
     f"camera.width_px={SMALL_WIDTH_PX}",
     f"camera.height_px={SMALL_HEIGHT_PX}",
-    f"world.lens={json.dumps(_LENS)}",
+    f"world.lens={{width_px: {SMALL_WIDTH_PX}, height_px: {SMALL_HEIGHT_PX}, {_LENS}}}",
 )
 """Overrides of calibration/rig-simulated.yaml, as `load_rig` takes them."""
 

@@ -22,39 +22,30 @@ SCHEMAS = (PROTOCOL_SCHEMA.as_posix(), RIG_SCHEMA.as_posix())
 FILES = {"protocols/a.yaml": b"a", "protocols/b.yaml": b"b", **dict.fromkeys(SCHEMAS, b"schema")}
 
 
-@pytest.fixture
-def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work in a subfolder of a lab folder."""
-    make_lab_folder(tmp_path / "lab", FILES)
-    (tmp_path / "lab" / "protocols" / "pilot").mkdir()
-    monkeypatch.chdir(tmp_path / "lab" / "protocols" / "pilot")
-    monkeypatch.delenv(RUNS_DIR_VARIABLE, raising=False)
-    return tmp_path / "lab"
-
-
-def test_runs_go_where_the_nearest_of_four_says(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_go_where_the_nearest_of_four_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In this order: --runs-dir, LABRIG_RUNS_DIR, the lab folder upwards, the working folder."""
+    make_lab_folder(tmp_path / "lab", FILES)
+    monkeypatch.chdir(tmp_path / "lab" / "protocols")
     monkeypatch.setenv(RUNS_DIR_VARIABLE, "/other/runs")
     assert choose_runs_dir(Path("here")).path == Path("here")
     assert choose_runs_dir().path == Path("/other/runs")
     monkeypatch.setenv(RUNS_DIR_VARIABLE, "")
-    assert choose_runs_dir().path == Path("../..") / RUNS
-    assert choose_runs_dir().reason == f"in the lab folder {lab}"
-    monkeypatch.chdir(lab.parent)
+    assert choose_runs_dir().path == Path("..") / RUNS
+    assert choose_runs_dir().reason == f"in the lab folder {tmp_path / 'lab'}"
+    monkeypatch.chdir(tmp_path)
     assert choose_runs_dir().path == RUNS
 
 
-def test_the_nearest_lab_folder_counts(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lab folder inside another one is a lab of its own; a checkout is one; names are relative."""
-    assert find_lab_folder() == Path("../..")
+def test_the_nearest_lab_folder_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One inside another is a lab of its own; a checkout is one; a working folder that is gone is in none."""
+    make_lab_folder(tmp_path / "lab", FILES)
+    (tmp_path / "lab" / "pilot").mkdir()
+    monkeypatch.chdir(tmp_path / "lab" / "pilot")
+    assert find_lab_folder() == Path("..")
     make_lab_folder(Path(), FILES)
     assert find_lab_folder() == Path()
     monkeypatch.chdir(ROOT / "tests")
     assert find_lab_folder() == Path("..")
-
-
-def test_a_working_folder_that_is_gone_is_in_no_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing fails for it before a file is read."""
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
@@ -80,8 +71,7 @@ def test_a_second_init_adds_what_is_missing_and_replaces_the_schemas_alone(tmp_p
     assert (set(FILES) <= set(written), kept) == (True, (".gitignore",))
     (tmp_path / "protocols/a.yaml").write_bytes(b"my a")
     (tmp_path / "protocols/b.yaml").unlink()
-    newer = {**FILES, **dict.fromkeys(SCHEMAS, b"new")}
-    written, kept = make_lab_folder(tmp_path, newer)
+    written, kept = make_lab_folder(tmp_path, {**FILES, **dict.fromkeys(SCHEMAS, b"new")})
     assert (set(written), set(kept)) == ({"protocols/b.yaml", *SCHEMAS}, {"protocols/a.yaml", ".gitignore"})
     assert (tmp_path / "protocols/a.yaml").read_bytes() == b"my a"
     assert (tmp_path / SCHEMAS[0]).read_bytes() == b"new"

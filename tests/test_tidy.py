@@ -1,53 +1,28 @@
-"""House rules that no linter holds, read off the source."""
+"""House rules that no linter holds, read off the source; how rooms hand out their names."""
 
 import ast
+import importlib
+import json
 import re
 import subprocess
+import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from labrig.protocol.yaml_text import load_yaml_values
+import labrig
 
 ROOT = Path(__file__).parents[1]
-SOURCES = sorted((ROOT / "labrig").rglob("*.py"))
-TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
+LABRIG = ROOT / "labrig"
+SOURCES = {path.relative_to(LABRIG).as_posix(): path for path in LABRIG.rglob("*.py")}
 LONGEST_FUNCTION = 50
 
 
-def _tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
-    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
-
-
-def _room(path: Path) -> str:
-    return path.relative_to(ROOT / "labrig").parts[0]
-
-
-def _imports_inside_functions(path: Path) -> bool:
-    inside = (inner for function in _functions(_tree(path)) for inner in ast.walk(function))
-    return any(isinstance(inner, ast.Import | ast.ImportFrom) for inner in inside)
-
-
-def test_imports_inside_functions_stand_in_cli_alone() -> None:
-    """Only cli/ imports inside functions, for its start-up time, and the files that are named here."""
-    importing = {
-        path.relative_to(ROOT / "labrig").as_posix()
-        for path in SOURCES
-        if _room(path) not in {"cli", "manual"} and _imports_inside_functions(path)
-    }
-    assert importing <= {
-        "library/door.py",  # `import labrig` loads what is called
-        "library/names.py",
-        "library/pools.py",  # dask, which is not installed with labrig
-        "record/catalogue.py",  # a list of runs needs no reader
-        "runner/whole_run.py",  # what draws is loaded after the processes that measure are forked
-    }
+def _functions(path: Path) -> Iterator[ast.FunctionDef]:
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    return (node for node in nodes if isinstance(node, ast.FunctionDef))
 
 
 def _body_lines(function: ast.FunctionDef) -> int:
@@ -59,28 +34,17 @@ def _body_lines(function: ast.FunctionDef) -> int:
 def test_functions_fit_on_a_screen() -> None:
     """No function of labrig is longer than fifty lines, its signature and docstring left out."""
     lengths = {
-        f"{path}:{function.lineno} {function.name}": _body_lines(function)
-        for path in SOURCES
-        for function in _functions(_tree(path))
+        f"{name} {function.name}": _body_lines(function)
+        for name, path in SOURCES.items()
+        for function in _functions(path)
     }
     assert {name: length for name, length in lengths.items() if length > LONGEST_FUNCTION} == {}
 
 
-def test_every_test_states_a_behaviour() -> None:
-    """Each test function has a docstring: the behaviour, in a sentence."""
-    offenders = [
-        f"{path}:{function.lineno} {function.name}"
-        for path in TESTS
-        for function in _functions(_tree(path))
-        if function.name.startswith("test_") and not ast.get_docstring(function)
-    ]
-    assert offenders == []
-
-
 def test_every_room_says_what_it_is_in_its_first_line() -> None:
     """The docstring of each room starts with its name and its one sentence."""
-    for door in sorted((ROOT / "labrig").glob("*/__init__.py")):
-        docstring = ast.get_docstring(_tree(door)) or ""
+    for door in sorted(LABRIG.glob("*/__init__.py")):
+        docstring = ast.get_docstring(ast.parse(door.read_text(encoding="utf-8"))) or ""
         assert docstring.startswith(f"{door.parent.name}: "), door
 
 
@@ -104,7 +68,7 @@ WRITING = (
             "report/tables.py",  # in the temporary folder of an export
         }, id="whole files are written through durable.py"),
         pytest.param(r"^(?:import|from) time\b", {
-            path.relative_to(ROOT / "labrig").as_posix() for path in SOURCES if _room(path) == "devices"
+            name for name in SOURCES if name.startswith("devices/")
         }, id="clocks are injected"),
         pytest.param(r"TYPE_CHECKING", {
             "__init__.py",  # the names of the door
@@ -119,12 +83,8 @@ WRITING = (
 )  # fmt: skip
 def test_what_only_some_files_may_do_is_done_by_no_other(pattern: str, places: set[str]) -> None:
     """Files are written whole, clocks are injected, and control characters are kept from the terminal."""
-    found = {
-        path.relative_to(ROOT / "labrig").as_posix()
-        for path in SOURCES
-        if re.search(pattern, path.read_text(encoding="utf-8"), re.MULTILINE)
-    }
-    assert found <= places
+    texts = {name: path.read_text(encoding="utf-8") for name, path in SOURCES.items()}
+    assert {name for name, text in texts.items() if re.search(pattern, text, re.MULTILINE)} <= places
 
 
 @pytest.mark.parametrize(
@@ -140,20 +100,93 @@ def test_tracked_files_hold_none_of_these(what: str, pattern: str) -> None:
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode != 0:
         pytest.skip("not a git checkout, so the tracked files are not known")
-    names = (name for name in listed.stdout.splitlines() if not name.endswith((".png", ".npz")))
+    named = {name: ROOT / name for name in listed.stdout.splitlines() if not name.endswith((".png", ".npz"))}
     texts = {
-        name: (ROOT / name).read_text(encoding="utf-8", errors="replace")
-        for name in names
-        if (ROOT / name).is_file() and not ("sleep" in what and name.startswith("labrig/devices/"))
+        name: path.read_text(encoding="utf-8", errors="replace")
+        for name, path in named.items()
+        if path.is_file() and not ("sleep" in what and name.startswith("labrig/devices/"))
     }
     assert [name for name, text in texts.items() if re.search(pattern, text)] == []
 
 
-def test_a_commit_is_checked_as_make_checks_the_code() -> None:
-    """The hooks of pre-commit are ruff and the commands of `make check`, in the same order."""
-    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\ncheck:")[1].split("\n\n")[0]
-    checks = re.findall(r"^\t\$\(BIN\)/(.+)$", recipe, re.MULTILINE)
-    commands = ["ruff check .", "ruff format --check .", *checks]
-    hooks: Any = load_yaml_values(ROOT / ".pre-commit-config.yaml")["repos"]
-    (local,) = hooks
-    assert [hook["entry"] for hook in local["hooks"]] == [f".venv/bin/{command}" for command in commands]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+CONTRACTS = {contract["name"]: contract for contract in PROJECT["tool"]["importlinter"]["contracts"]}
+ROOMS = sorted(door.parent.name for door in LABRIG.glob("*/__init__.py"))
+ANALYSES = [
+    "labrig.analysis.run",
+    *(f"labrig.experiments.{path.parent.name}.analysis" for path in LABRIG.glob("experiments/*/analysis.py")),
+]
+DOCUMENTED = {
+    "analysis": {"load_runs"},
+    "experiments": {"Experiment"},
+    "record": {"open_run"},
+    "steering": {"estimate_tip_poses", "plan_path"},
+    "vision": {"calibrate_intrinsics", "fit_circle", "load_intrinsics", "load_plane"},
+}
+
+
+def _find_loaded(code: str, packages: tuple[str, ...]) -> list[str]:
+    """Return which of the packages a new Python has loaded after some code."""
+    code += f"\nimport sys, json; print(json.dumps([one for one in {packages!r} if one in sys.modules]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
+    )
+    loaded: list[str] = json.loads(done.stdout.splitlines()[-1])
+    return loaded
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_hands_out_its_documented_names_alone(room: str) -> None:
+    """What the manual imports from a room is there, and nothing else of its files is imported with the room."""
+    door = importlib.import_module(f"labrig.{room}")
+    documented = DOCUMENTED.get(room, set())
+    assert [name for name in documented if not callable(getattr(door, name))] == []
+    tree = ast.parse((LABRIG / room / "__init__.py").read_text(encoding="utf-8"))
+    handed_out = {
+        alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("labrig.")
+        for alias in node.names
+    }
+    assert handed_out <= documented
+
+
+@pytest.mark.parametrize(
+    ("modules", "unneeded"),
+    [
+        ("labrig.record.catalogue, labrig.record.notes", ("numpy", "pandas", "cv2", "ruamel")),
+        ("labrig.steering.parameters", ("numpy", "scipy")),
+        ("labrig.record.check", ("pandas",)),
+        ("labrig.protocol.load", ("cv2", "numpy", "pandas", "scipy", "matplotlib", "rerun", "can", "typer", "jinja2")),
+        ("labrig.devices.clocks", ("numpy", "cv2", "can", "canopen", "pydantic")),
+        ("labrig.library.door, labrig.cli.attendant", ("rerun",)),
+        ("labrig.analysis.comparison, labrig.experiments.roll_zero.analysis", ("scipy.stats",)),
+        (", ".join(ANALYSES), ("can", "canopen", "labrig.devices")),
+    ],
+)  # fmt: skip
+def test_what_is_not_asked_for_is_not_loaded(modules: str, unneeded: tuple[str, ...]) -> None:
+    """A file brings the packages that it needs, and not those of its neighbours."""
+    assert _find_loaded(f"import {modules}", unneeded) == []
+
+
+def test_every_room_is_named_where_labrig_says_what_it_is() -> None:
+    """The docstring of the package has a line for each room, and for each file beside them."""
+    files = {path.stem for path in LABRIG.glob("*.py")} - {"__init__", "__main__"}
+    lines = [line for line in (labrig.__doc__ or "").splitlines() if line.startswith("- ")]
+    named = {name for line in lines for name in re.findall(r"`(\w+)`", line)}
+    assert named == {*ROOMS, *files}
+
+
+def test_every_room_and_experiment_is_on_the_lists_of_the_import_linter() -> None:
+    """A new one cannot be forgotten: the bus stays inside devices, and what computes moves nothing."""
+    top = {path.stem for path in LABRIG.glob("*.py")} - {"__init__", "__main__"} | set(ROOMS)
+    listed = {module.split(".")[1] for module in CONTRACTS["The bus stays inside devices"]["source_modules"]}
+    assert listed == top - {"devices"}
+    layers = CONTRACTS["A room imports only what stands below it"]["layers"]
+    assert {room.strip("( )") for layer in layers for room in layer.split("|")} >= top
+    folders = {path.parent.name for path in LABRIG.glob("experiments/*/__init__.py")} - {"shared"}
+    independent = CONTRACTS["No experiment imports another"]["modules"]
+    assert {module.rpartition(".")[2] for module in independent} == folders
+    computing = CONTRACTS["What computes never reaches what moves"]["source_modules"]
+    parts = {"analysis", "events", "page", "protocol", "result"}
+    assert set(computing) >= {f"labrig.experiments.*.{part}" for part in parts}

@@ -62,15 +62,6 @@ def labrig(capsys: pytest.CaptureFixture[str]) -> Labrig:
     return call
 
 
-def printed_json(*arguments: object) -> Any:
-    """Run a command line that has to succeed, and return the JSON document that it prints."""
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        exit_code = run_command([str(argument) for argument in arguments])
-    assert exit_code == 0
-    return json.loads(printed.getvalue())
-
-
 def sweep_command(rig: Path, runs_dir: Path) -> list[str]:
     """Return the command line of the paper's sweep, for a process of its own."""
     return [
@@ -99,6 +90,8 @@ class SweepRun:
 @pytest.fixture(scope="session")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> SweepRun:
     """Two insertions in each of two gels, run through the real command."""
-    runs_dir = tmp_path_factory.mktemp("runs with spaces, é")
-    document = printed_json("run", SWEEP, "--runs-dir", runs_dir, "--json", *SMALL_SWEEP)
+    runs_dir, printed = tmp_path_factory.mktemp("runs with spaces, é"), io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        assert run_command(["run", str(SWEEP), "--runs-dir", str(runs_dir), "--json", *SMALL_SWEEP]) == 0
+    document = json.loads(printed.getvalue())
     return SweepRun(Path(document["run"]), document)

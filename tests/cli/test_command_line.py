@@ -16,7 +16,7 @@ from typer.main import get_command
 from labrig.cli.finished_run import print_finished
 from labrig.cli.main import app, run_command
 from labrig.cli.manual import find_pages, read_title
-from labrig.cli.output import failure_document, print_line
+from labrig.cli.output import failure_document
 from labrig.errors import (
     BusError,
     BusOffError,
@@ -36,19 +36,21 @@ from labrig.runner.conduct import Outcome
 from labrig.runner.whole_run import FinishedRun, finish
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 
-HEAVY = (
-    *("numpy", "cv2", "pandas", "scipy", "matplotlib", "rerun", "can", "canopen", "ruamel"),
-    *("labrig.experiments", "labrig.runner", "pydantic", "rich"),
-)
-MOST_OPTIONS = 150
-
-
-def _python(code: str, columns: int = 80) -> str:
-    environment = {**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1", "TERM": "dumb"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment, timeout=300
-    )
-    return done.stdout
+HEAVY = {
+    "numpy",
+    "cv2",
+    "pandas",
+    "scipy",
+    "matplotlib",
+    "rerun",
+    "can",
+    "canopen",
+    "ruamel",
+    "rich",
+    "pydantic",
+}
+HEAVY |= {"labrig.experiments", "labrig.runner"}
+MOST_COMMANDS, MOST_OPTIONS = 35, 150
 
 
 def _walk(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
@@ -64,63 +66,47 @@ COMMANDS = dict(_walk(get_command(app)))
 
 def test_there_are_few_commands_and_options() -> None:
     """Each command and each option is one more thing to learn."""
-    options = [
-        (name, param.opts[0])
-        for name, command in COMMANDS.items()
-        for param in command.params
-        if param.param_type_name == "option"
-    ]
-    assert len(COMMANDS) <= 35
-    assert len(options) <= MOST_OPTIONS
+    parameters = [param for command in COMMANDS.values() for param in command.params]
+    assert len(COMMANDS) <= MOST_COMMANDS
+    assert sum(param.param_type_name == "option" for param in parameters) <= MOST_OPTIONS
 
 
 @pytest.mark.parametrize("columns", [80, 52])
-def test_help_names_every_command_and_fits_the_terminal(columns: int) -> None:
+def test_help_names_every_command_and_fits_the_terminal(
+    columns: int, labrig: Labrig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No line of the help is wider than the terminal, no word is cut, and the last line says how to start."""
-    text = _python("from labrig.cli.main import run_command; run_command(['--help'])", columns)
+    for name, value in {"COLUMNS": str(columns), "NO_COLOR": "1", "TERM": "dumb"}.items():
+        monkeypatch.setenv(name, value)
+    text = labrig("--help").out
     listed = {line.split()[0] for line in text.partition("Commands:")[2].splitlines() if line.strip()}
     assert {name.split()[0] for name in COMMANDS} <= listed
     assert max(len(line) for line in text.splitlines()) <= columns
     assert "labrig run steerability" in " ".join(text.split())
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_help_of_a_command_names_its_options(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Each option stands whole in the help, which exits with 0."""
-    assert run_command([*name.split(), "--help"]) == 0
-    words = capsys.readouterr().out.replace(",", " ").split()
-    assert [
-        opt for param in COMMANDS[name].params for opt in param.opts if opt[0] == "-" and opt not in words
-    ] == []
-
-
 @pytest.mark.parametrize(
     ("arguments", "unneeded"),
     [
         (["--help"], HEAVY),
-        (["manual"], tuple(set(HEAVY) - {"pydantic"})),
-        (["runs"], tuple(set(HEAVY) - {"pydantic"})),
-        (["check", str(SWEEP), "--rig", str(RIG)], ("matplotlib", "jinja2", "rerun")),
+        (["manual"], HEAVY - {"pydantic"}),
+        (["runs"], HEAVY - {"pydantic"}),
+        (["check", str(SWEEP), "--rig", str(RIG)], {"matplotlib", "jinja2", "rerun"}),
     ],
 )
-def test_help_and_lists_load_no_heavy_package(arguments: list[str], unneeded: tuple[str, ...]) -> None:
+def test_help_and_lists_load_no_heavy_package(arguments: list[str], unneeded: set[str]) -> None:
     """Help and lists import no numpy, OpenCV or pandas; a check draws nothing."""
     code = (
-        "import sys, os, io, contextlib, json\n"
-        f"os.environ['LABRIG_RUNS_DIR'] = {str(ROOT / 'tests' / 'records')!r}\n"
+        "import sys, io, contextlib\n"
         "from labrig.cli.main import run_command\n"
         f"with contextlib.redirect_stdout(io.StringIO()): run_command({arguments!r})\n"
-        f"print(json.dumps([name for name in {unneeded!r} if name in sys.modules]))"
+        f"print({unneeded!r} & set(sys.modules))"
     )
-    assert json.loads(_python(code)) == []
-
-
-def test_json_is_of_one_command_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    """What the same process prints afterwards is text again."""
-    assert run_command(["rusn", "--json"]) == 2
-    json.loads(capsys.readouterr().out)
-    print_line("text")
-    assert capsys.readouterr().out == "text\n"
+    environment = {**os.environ, RUNS_DIR_VARIABLE: str(ROOT / "tests" / "records")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    assert done.stdout == "set()\n"
 
 
 @pytest.mark.parametrize(
@@ -147,16 +133,12 @@ def test_commands_options_and_runs_are_completed(
     assert (done.exit_code, done.out.split()) == (0, completed)
 
 
-def test_all_pages_are_listed(labrig: Labrig) -> None:
-    """Each with its title."""
+def test_pages_of_the_manual_are_listed_and_found(labrig: Labrig) -> None:
+    """Each with its title; by its name or words of its title. Where the site was not built its source is named."""
     listed = [line.split(maxsplit=1) for line in labrig("manual").out.splitlines()[1:]]
     assert listed == [[name, read_title(page)] for name, page in find_pages().items()]
-
-
-@pytest.mark.parametrize("asked", [["run-format"], ["format", "run"]])
-def test_a_page_is_named_or_known_by_words_of_its_title(asked: list[str], labrig: Labrig) -> None:
-    """Where the site was not built its source is named."""
-    assert Path(labrig("manual", *asked).out.strip()) == find_pages()["run-format"]
+    for asked in (["run-format"], ["format", "run"]):
+        assert Path(labrig("manual", *asked).out.strip()) == find_pages()["run-format"]
 
 
 @pytest.fixture
@@ -202,10 +184,15 @@ def test_a_manifest_names_its_sources_from_the_lab_folder(lab: Path, monkeypatch
 def test_the_folder_of_the_runs_may_be_set_for_a_session(
     lab: Path, labrig: Labrig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Commands say so."""
+    """Commands say so; without a lab folder the list says where it has looked, and nothing is made."""
     monkeypatch.setenv(RUNS_DIR_VARIABLE, "elsewhere")
     assert labrig("runs").err.startswith("runs: elsewhere, as LABRIG_RUNS_DIR says")
     assert "there is no run one, neither here nor in elsewhere" in labrig("report", "one").err
+    monkeypatch.delenv(RUNS_DIR_VARIABLE)
+    monkeypatch.chdir(lab.parent)
+    listed = labrig("runs").err
+    assert "no runs in data/runs, below the working folder, as no lab folder is here or above" in listed
+    assert list(lab.parent.iterdir()) == [lab]
 
 
 def test_the_schemas_of_a_lab_folder_are_where_its_files_name_them(lab: Path) -> None:
@@ -215,16 +202,6 @@ def test_the_schemas_of_a_lab_folder_are_where_its_files_name_them(lab: Path) ->
     for file in (*lab.glob("protocols/*.yaml"), *lab.glob("calibration/*.yaml")):
         named = file.read_text(encoding="utf-8").splitlines()[0].partition("$schema=")[2]
         assert (file.parent / named).is_file(), file
-
-
-def test_without_a_lab_folder_labrig_says_how_to_make_one(
-    labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The list of runs says where it has looked; nothing is made."""
-    monkeypatch.chdir(tmp_path)
-    listed = labrig("runs").err
-    assert "no runs in data/runs, below the working folder, as no lab folder is here or above" in listed
-    assert not list(tmp_path.iterdir())
 
 
 def _fail(error: BaseException) -> int:
@@ -255,15 +232,10 @@ def test_a_bug_has_a_code_of_its_own_and_leaves_its_traceback_in_a_file(
     assert "Traceback" not in printed.err
 
 
-@pytest.mark.parametrize(
-    ("error", "code", "words"), [(MemoryError(), 3, "too little memory"), (KeyboardInterrupt(), 130, "")]
-)
-def test_what_a_library_raises_is_told_in_words(
-    error: BaseException, code: int, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_library_raises_is_told_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     """Running out of memory is neither a bug nor wrong input; an interruption counts as a signal."""
-    assert _fail(error) == code
-    assert words in capsys.readouterr().err
+    assert (_fail(MemoryError()), _fail(KeyboardInterrupt())) == (3, 130)
+    assert "too little memory" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -295,8 +267,7 @@ def test_a_fault_of_bus_or_drive_has_its_name_and_code_in_json(
         ({"reached": False}, 1),
         ({"reached": None}, 1),
         ({"accepted": False}, 1),
-        ({"accepted": True}, 0),
-        ({"mean_radius_mm": 27.7}, 0),
+        ({}, 0),
     ],
 )
 def test_only_a_result_that_says_yes_ends_with_zero(

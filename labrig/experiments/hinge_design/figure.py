@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from labrig.experiments.hinge_design.result import DesignStudy
 from labrig.needle.hinge import Hinge, LinkPair
@@ -106,6 +107,11 @@ def draw_hinge_figure(study: DesignStudy, name: str) -> DrawnFigure:
     cuts_deg = sorted({cell.beta_cut_deg for cell in study.cells})
     clearances_mm = np.array(sorted({cell.clearance_mm for cell in study.cells}))
     factor = 2.0 * math.degrees(study.tube.link_length_mm)
+
+    def convert(values: ArrayLike) -> ArrayLike:
+        """Return radii [mm] of rotations [degrees], and rotations of radii (equation 1)."""
+        return np.asarray(factor / np.maximum(values, 0.1))
+
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         axes = figure.subplots()
@@ -122,14 +128,15 @@ def draw_hinge_figure(study: DesignStudy, name: str) -> DrawnFigure:
                 (cell.clearance_mm, cell.beta_rot_deg) for cell in study.cells if cell.beta_cut_deg == cut_deg
             ]
             axes.plot(*np.transpose(found), "o", color=_SEARCHED, markersize=3.5)
-            axes.annotate(f"     cut at {cut_deg:.3g}°", max(found), va="center", fontsize=8.5)
+            words = f"cut at {cut_deg:.3g}°"
+            axes.annotate(words, min(found), (6, -14), textcoords="offset points", fontsize=8.5)
         axes.plot([], [], "o", color=_SEARCHED, markersize=3.5, label="searched on our contour")
         axes.plot(
             study.clearance_mm, study.beta_rot_deg, "*", color="#009e73", markersize=13, label="this design"
         )
-        axes.set_xmargin(0.12)
+        axes.set_ymargin(0.1)
         axes.set(xlabel="clearance (mm)", ylabel="Rotation of two adjacent hinges (degrees)")
-        radius = axes.secondary_yaxis("right", functions=(lambda v: factor / np.maximum(v, 0.1),) * 2)
+        radius = axes.secondary_yaxis("right", functions=(convert, convert))
         radius.set_ylabel("radius (mm)")
         low_deg, high_deg = axes.get_ylim()
         radius.set_yticks([mm for mm in _DRAWN_RADII_MM if low_deg < factor / mm < high_deg])

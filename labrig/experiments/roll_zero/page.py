@@ -18,7 +18,6 @@ from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
-from labrig.report.formatting import number
 from labrig.report.page import Page
 from labrig.report.palette import DESIGN, mark
 from labrig.report.pictures import THUMBNAIL, Plate, photograph, polyline, scale_bar
@@ -80,8 +79,9 @@ def _list_shots(
 
 def _draw_axis(origin: TrialOrigin | None, plane: PlaneMap, length_mm: float) -> str:
     """Return the line straight ahead of the sheath, or of the plane's origin, from which deflections are measured."""
-    found = origin is not None and origin.tip_mm is not None and origin.heading_rad is not None
-    start_mm, heading_rad = (origin.tip_mm, origin.heading_rad) if found else ((0.0, 0.0), 0.0)
+    start_mm, heading_rad = (0.0, 0.0), 0.0
+    if origin is not None and origin.tip_mm is not None and origin.heading_rad is not None:
+        start_mm, heading_rad = origin.tip_mm, origin.heading_rad
     ahead_mm = length_mm * np.array((math.sin(heading_rad), math.cos(heading_rad)))
     return polyline(plane.to_px(np.array(start_mm) + np.array(((0.0,), (1.0,))) * ahead_mm))
 
@@ -103,13 +103,12 @@ def _draw_figure(result: RollZeroResult, residuals_mm: list[float], name: str) -
         axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         if result.fit is not None:
             zero, sd = (math.degrees(result.fit[key]) for key in ("zero_rad", "sd_rad"))
-            label = f"roll zero, ± 2 SD: {number(zero)} ± {number(2 * sd)}°"
             zero = (zero - _FIRST_DEG) % 360.0 + _FIRST_DEG
             turn_deg = np.linspace(_FIRST_DEG - 15.0, _FIRST_DEG + 375.0, _CURVE_POINTS)
             curve = [_evaluate_fit_mm(result, roll) for roll in np.radians(turn_deg).tolist()]
             axes.plot(turn_deg, curve, color=DESIGN, linewidth=1.2, label="fitted cosine")
             axes.axvspan(zero - 2 * sd, zero + 2 * sd, color="#009e73", alpha=0.3, linewidth=0)
-            axes.axvline(zero, color="#009e73", linewidth=1.2, label=label)
+            axes.axvline(zero, color="#009e73", linewidth=1.2, label="roll zero, ± 2 SD")
             below.vlines(rolls_deg.ravel(), 0.0, left_mm.ravel(), color=DESIGN, linewidth=0.8)
             below.plot(rolls_deg.ravel(), left_mm.ravel(), "o", color=mark(0).colour, markersize=4)
         axes.plot(rolls_deg.ravel(), seen_mm.ravel(), "o", color=mark(0).colour, label="tip, as measured")

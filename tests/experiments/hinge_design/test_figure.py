@@ -25,7 +25,7 @@ def test_the_design_stands_among_both_planes_with_its_radius() -> None:
         assert words in drawn
     (axes,) = drawn.figure.axes
     star = next(line for line in axes.lines if line.get_marker() == "*")
-    assert (*star.get_xdata(), *star.get_ydata()) == pytest.approx((0.025, 11.46), abs=0.005)
+    assert np.asarray(star.get_data()).ravel().tolist() == pytest.approx([0.025, 11.46], abs=0.005)
     (radius,) = axes.child_axes
     assert radius.yaxis.get_transform().inverted().transform(30.0) == pytest.approx(11.46, abs=0.005)
 

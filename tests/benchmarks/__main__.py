@@ -14,7 +14,6 @@ from tests.benchmarks import (
     closed_loop,
     coverage,
     curvature,
-    depth,
     estimator,
     graph_paper,
     hinge,
@@ -40,7 +39,6 @@ GROUPS: dict[str, dict[str, Callable[[], None]]] = {
         "coverage": coverage.print_table,
         "circles": circles.print_table,
         "tip": tip.print_table,
-        "depth": depth.print_table,
         "real-insertions": real_insertions.print_table,
     },
     "steering": {

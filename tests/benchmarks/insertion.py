@@ -9,7 +9,6 @@ seconds. LABRIG_BENCHMARK_WORLDS sets the number of seeds, 200 unless set.
 
 import json
 import os
-import statistics
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.stats import ttest_1samp
 
 from labrig.needle.kinematics import FloatArray
 from tests.benchmarks.table import measure, print_rows
@@ -136,10 +135,8 @@ def _compare(
 
 def _bound_mean(rig_mm: FloatArray, world_mm: FloatArray) -> tuple[float, float]:
     """Return the interval of the mean difference of pairs."""
-    differences = (world_mm - rig_mm).tolist()
-    mean, error = statistics.mean(differences), statistics.stdev(differences) / len(differences) ** 0.5
-    reach = float(student.ppf(0.5 + _CONFIDENCE / 2, len(differences) - 1)) * error
-    return mean - reach, mean + reach
+    low, high = ttest_1samp(world_mm - rig_mm, 0.0).confidence_interval(_CONFIDENCE)
+    return float(low), float(high)
 
 
 def _bound_quantile(rig_mm: FloatArray, world_mm: FloatArray) -> tuple[float, float]:

@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from tests.benchmarks.blind_insertion import InsertionEnd, Policy, insert
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import print_rows, read_count
 from tests.benchmarks.worlds import draw_world, read_world
 
-WORLDS = int(os.environ.get("LABRIG_BENCHMARK_WORLDS", "200"))
-FIRST_SEED = int(os.environ.get("LABRIG_BENCHMARK_FIRST_SEED", "0"))
-WORKERS = int(os.environ.get("LABRIG_BENCHMARK_WORKERS", str(os.cpu_count() or 1)))
+WORLDS = read_count("WORLDS", 200)
+FIRST_SEED = read_count("FIRST_SEED", 0)
+WORKERS = read_count("WORKERS", os.cpu_count() or 1)
 POLICIES: tuple[Policy, ...] = ("default", "paper")
 TOLERANCE_MM = 2.0
 _WORST = 5

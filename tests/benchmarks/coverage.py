@@ -21,10 +21,10 @@ import numpy as np
 
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import print_rows, read_count
 from tests.vision.renderer import Light, draw_side_lit
 
-RENDERS = int(os.environ.get("LABRIG_BENCHMARK_RENDERS", "100"))
+RENDERS = read_count("RENDERS", 100)
 BANDS_MM = ((20.0, 30.0), (30.0, 40.0), (40.0, 60.0))
 LIGHTS: tuple[Light, ...] = get_args(Light)
 FIRST_SEED = 50_000

@@ -20,14 +20,14 @@ from labrig.vision.calibrate_plane import calibrate_plane
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import print_rows, read_count
 from tests.vision.renderer import Board, Camera, Gel, Needle, Photo, Sheet, turn_about
 
 FloatArray = NDArray[np.float64]
 
 RADIUS_MM, ORIGIN_PX = 28.0, (320.0, 200.0)
 CAMERA = Camera(origin_px=ORIGIN_PX)
-PICTURES = int(os.environ.get("LABRIG_BENCHMARK_PICTURES", "500"))
+PICTURES = read_count("PICTURES", 500)
 PICTURES_A_CALIBRATION = 10
 CORNER_NOISE_PX = 0.1
 SPEED_REPEATS = 30

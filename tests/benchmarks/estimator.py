@@ -4,7 +4,6 @@ LABRIG_BENCHMARK_RUNS sets the number of insertions in the table of the bound, 2
 """
 
 import math
-import os
 import statistics
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -14,7 +13,7 @@ import numpy as np
 
 from labrig.steering.estimator import step_tip
 from labrig.steering.parameters import EstimatorMethod
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import print_rows, read_count
 from tests.steering.insertions import (
     RADIUS_MM,
     follow,
@@ -30,7 +29,7 @@ from tests.steering.plain_ekf import bound_heading_rad2
 
 RUNS = 200
 SCATTERED = ((0.0, "-"), (0.05, "1.4"), (0.2, "1.5"))
-BOUND_RUNS = int(os.environ.get("LABRIG_BENCHMARK_RUNS", "200"))
+BOUND_RUNS = read_count("RUNS", 200)
 BOUND_FIRST_SEED = 10_000
 UNKNOWN_RADIUS_MM = 0.02 * RADIUS_MM
 METHODS: tuple[EstimatorMethod, ...] = ("paper", "error-state")

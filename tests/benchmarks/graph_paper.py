@@ -5,7 +5,6 @@ sell, four inks, 3 to 20 px/mm, tilt and roll to 25 degrees, blur, noise, light 
 that shows beside them. The camera's lens is given as calibrated, exactly, the scale to 15 %.
 """
 
-import os
 import statistics
 import time
 from collections import Counter
@@ -16,10 +15,10 @@ import numpy as np
 
 from labrig.errors import CalibrationRefusedError
 from labrig.vision.calibrate_plane import calibrate_plane
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import print_rows, read_count
 from tests.vision.renderer import INKS, PAPERS, Camera, Photo, Picture, Sheet
 
-SHEETS = int(os.environ.get("LABRIG_BENCHMARK_SHEETS", "300"))
+SHEETS = read_count("SHEETS", 300)
 FIRST_SEED = 700_000
 Bands = tuple[tuple[float, float], ...]
 BANDS = ((3.0, 4.0), (4.0, 6.0), (6.0, 20.0))

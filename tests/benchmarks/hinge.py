@@ -8,7 +8,7 @@ from tests.benchmarks.table import measure, print_rows
 
 def print_table() -> None:
     """Print the design command on the paper's needle."""
-    done = measure([sys.executable, "-m", "labrig", "design", "--json"])
+    done = measure([sys.executable, "-m", "labrig", "design", "--json"], memory=True)
     document = json.loads(done.out)
     paper, search = document["equation_3"], document["search"]
     rows = [[key, f"{search['fit'][key]:.4f}", f"{paper[key]:.4f}"] for key in ("a", "b", "c", "rmse_deg")]

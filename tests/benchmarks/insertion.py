@@ -8,7 +8,6 @@ seconds. LABRIG_BENCHMARK_WORLDS sets the number of seeds, 200 unless set.
 """
 
 import json
-import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -20,12 +19,12 @@ import numpy as np
 from scipy.stats import ttest_1samp
 
 from labrig.needle.kinematics import FloatArray
-from tests.benchmarks.table import measure, print_rows
+from tests.benchmarks.table import measure, print_rows, read_count
 from tests.benchmarks.virtual import PROTOCOL, RIG, insert
 
 SEEDS = range(1, 21)
 LARGEST_ERROR_MM, LONGEST_S = 1.0, 15.0
-FRESH = range(800_001, 800_001 + int(os.environ.get("LABRIG_BENCHMARK_WORLDS", "200")))
+FRESH = range(800_001, 800_001 + read_count("WORLDS", 200))
 WITHIN_MM = 0.05
 QUANTILE = 0.9
 _CONFIDENCE = 0.9

@@ -4,21 +4,17 @@ The number of frames is `LABRIG_BENCHMARK_FRAMES`, 1,000 unless set. One core an
 other load affects both; the ratio is that of the medians.
 """
 
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import cv2
 
-from tests.benchmarks.start_up import children_s
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import measure, print_rows, read_count
 from tests.vision.renderer import Gel, Needle, flat_camera
 
-FRAMES = int(os.environ.get("LABRIG_BENCHMARK_FRAMES", "1000"))
+FRAMES = read_count("FRAMES", 1000)
 DIFFERENT, SEVERAL, TURNS = 20, 8, 3
 
 
@@ -28,20 +24,14 @@ def print_table() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for runs in (1, SEVERAL):
             arguments = _import(Path(folder) / str(runs), runs)
-            turns = [(_measure(arguments, "0"), _measure(arguments, "0,1")) for _ in range(TURNS)]
-            one_s, both_s = (statistics.median(turn[core][0] for turn in turns) for core in (0, 1))
-            cpu_s = statistics.median(turn[0][1] for turn in turns)
-            waited = f"{100.0 * (1.0 - cpu_s / one_s):.0f}"
-            rows.append(
-                [
-                    f"{runs} of {FRAMES // runs}",
-                    f"{one_s:.1f}",
-                    f"{both_s:.1f}",
-                    f"{one_s / both_s:.2f}",
-                    "1.7",
-                    waited,
-                ]
-            )
+            command = [sys.executable, "-m", "labrig", "reanalyze", *arguments]
+            turns = [
+                [measure(["taskset", "-c", cores, *command]) for cores in ("0", "0,1")] for _ in range(TURNS)
+            ]
+            one_s, both_s = (statistics.median(turn[core].wall_s for turn in turns) for core in (0, 1))
+            waited = f"{100.0 * (1.0 - statistics.median(one.cpu_s for one, _ in turns) / one_s):.0f}"
+            times = (f"{one_s:.1f}", f"{both_s:.1f}", f"{one_s / both_s:.2f}")
+            rows.append([f"{runs} of {FRAMES // runs}", *times, "1.7", waited])
     print_rows(("runs of frames", "one core s", "both s", "ratio", "at least", "waited %"), rows)
     print("waited above 5 %: the machine was not quiet")
 
@@ -60,14 +50,5 @@ def _import(folder: Path, runs: int) -> list[str]:
             (pictures / f"{number:06d}.png").write_bytes(drawn[number % DIFFERENT])
     scale = ["--px-per-mm", "15", "--insertion", "right"]
     place = ["--origin-px", "315", "195", "--sheath-diameter-mm", "2", "--runs-dir", str(folder / "runs")]
-    command = [sys.executable, "-m", "labrig", "import", str(folder / "pictures"), *scale, *place]
-    subprocess.run(command, check=True, capture_output=True)
+    measure([sys.executable, "-m", "labrig", "import", folder / "pictures", *scale, *place])
     return sorted(str(run) for run in (folder / "runs").iterdir() if run.is_dir())
-
-
-def _measure(arguments: list[str], cores: str) -> tuple[float, float]:
-    """Return wall and processor time [s] of the command on these cores."""
-    command = ["taskset", "-c", cores, sys.executable, "-m", "labrig", "reanalyze", *arguments]
-    before_s, started = children_s(), time.perf_counter()
-    subprocess.run(command, check=True, capture_output=True)
-    return time.perf_counter() - started, children_s() - before_s

@@ -1,9 +1,7 @@
 """The time of commands from start to exit, beside a bare Python in the same run; and of lists of 5,000 runs."""
 
 import os
-import resource
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -13,7 +11,7 @@ from pathlib import Path
 
 from labrig.lab import RUNS_DIR_VARIABLE
 from labrig.record.catalogue import list_runs
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import measure, print_rows
 from tests.record.runs import STARTED
 
 REPEATS, RUNS = 20, 5000
@@ -60,10 +58,11 @@ def _print_times(commands: Commands, variables: Mapping[str, str]) -> None:
     lines = [[sys.executable, "-c", "pass"], *([labrig, *words] for words, _ in commands.values())]
     # Compiled modules are kept, as they are in an installed labrig.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    rounds = [[_time_ms(line, {**environment, **variables}) for line in lines] for _ in range(1 + REPEATS)]
+    environment |= variables
+    rounds = [[measure(line, environment=environment) for line in lines] for _ in range(1 + REPEATS)]
     taken = list(zip(*rounds[1:], strict=True))  # the first makes what is kept
-    walls = [statistics.median(wall for wall, _ in times) for times in taken]
-    least = [min(processor for _, processor in times) for times in taken]
+    walls = [1e3 * statistics.median(done.wall_s for done in each) for each in taken]
+    least = [1e3 * min(done.cpu_s for done in each) for each in taken]
     limits = {BARE: None, **{f"labrig {name}": limit_ms for name, (_, limit_ms) in commands.items()}}
     print_rows(
         ("command", "median ms", "times bare", "least processor ms", "times bare", "limit ms"),
@@ -72,19 +71,6 @@ def _print_times(commands: Commands, variables: Mapping[str, str]) -> None:
             for (name, limit_ms), wall, cpu in zip(limits.items(), walls, least, strict=True)
         ],
     )  # fmt: skip
-
-
-def _time_ms(command: list[str], environment: Mapping[str, str]) -> tuple[float, float]:
-    """Return wall and processor time [ms] of a command whose output goes into a pipe."""
-    before_s, started = children_s(), time.perf_counter()
-    subprocess.run(command, check=True, capture_output=True, env=environment)
-    return 1000 * (time.perf_counter() - started), 1000 * (children_s() - before_s)
-
-
-def children_s() -> float:
-    """Return the processor time [s] of the processes that were started and have ended."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def _make_runs(runs_dir: Path) -> None:

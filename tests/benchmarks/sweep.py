@@ -16,7 +16,6 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.start_up import children_s
 from tests.benchmarks.table import FinishedCommand, measure, print_rows
 
 ROOT = Path(__file__).parents[2]
@@ -62,20 +61,16 @@ def _print_cost_against(baseline: Path) -> None:
 
 def _measure_cpu_s(root: Path, python: Path) -> float:
     """Return the processor time of a sweep of 24 insertions by the labrig of a checkout [s]."""
-    before_s = children_s()
     with tempfile.TemporaryDirectory() as runs_dir:
-        command = [str(python), "-m", "labrig", "run", "protocols/steerability.yaml", "--runs-dir", runs_dir]
-        subprocess.run(
-            [*command, "--set", "insertions_per_specimen=6"], cwd=root, capture_output=True, check=True
-        )
-    return children_s() - before_s
+        command = [python, "-m", "labrig", "run", "protocols/steerability.yaml", "--runs-dir", runs_dir]
+        return measure([*command, "--set", "insertions_per_specimen=6"], cwd=root).cpu_s
 
 
 def _sweep(runs_dir: Path) -> tuple[FinishedCommand, dict[str, Any]]:
     protocol, rig = ROOT / "protocols" / "steerability.yaml", ROOT / "calibration" / "rig-simulated.yaml"
     files = [str(protocol), "--rig", str(rig), "--runs-dir", str(runs_dir)]
     command = [sys.executable, "-m", "labrig", "run", *files]
-    measured = measure([*command, "--json"])
+    measured = measure([*command, "--json"], memory=True)
     return measured, json.loads(measured.out)
 
 

@@ -1,12 +1,21 @@
-"""Printing of tables, and measurement of a command."""
+"""Counts from the environment, printing of tables, and measurement of a command."""
 
+import os
+import resource
 import subprocess
-import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import psutil
+
+
+def read_count(name: str, default: int) -> int:
+    """Return `LABRIG_BENCHMARK_NAME`, which sets how much a figure is from."""
+    return int(os.environ.get(f"LABRIG_BENCHMARK_{name}", str(default)))
 
 
 def print_rows(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -19,53 +28,53 @@ def print_rows(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
 
 @dataclass(frozen=True)
 class FinishedCommand:
-    """A finished command: wall time, peak memory of all its processes, exit code and output."""
+    """A finished command: wall and processor time, peak memory of all its processes (0 if not asked for), output."""
 
     wall_s: float
+    cpu_s: float
     peak_mb: float
-    exit_code: int
     out: str
 
 
-def measure(command: Sequence[str]) -> FinishedCommand:
-    """Run a command and sample the proportional memory of it and its children twenty times a second.
+def measure(
+    command: Sequence[object],
+    memory: bool = False,
+    environment: Mapping[str, str] | None = None,
+    cwd: Path | None = None,
+) -> FinishedCommand:
+    """Run a command, and sample the proportional memory of it and its children twenty times a second if asked for.
 
     An exit code above 1 (1 means that the answer is no) ends the benchmark with the standard error of the command.
     """
-    # The output goes into a file: an unread pipe would fill up while the memory is sampled, and block the command.
+    words = [str(word) for word in command]
+    before_s, began_s = _children_s(), time.perf_counter()
     with (
-        tempfile.TemporaryFile("w+", encoding="utf-8") as out,
-        tempfile.TemporaryFile("w+", encoding="utf-8") as stderr,
-    ):
-        started = time.perf_counter()
-        process = subprocess.Popen(command, stdout=out, stderr=stderr)
-        root = psutil.Process(process.pid)
-        peak = 0
-        while _still_runs(process):
-            peak = max(peak, _memory(root))
-        wall_s = time.perf_counter() - started
-        out.seek(0)
-        stderr.seek(0)
-        if process.returncode not in {0, 1}:
-            raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}:\n{stderr.read()}")
-        return FinishedCommand(wall_s, peak / 1e6, process.returncode, out.read())
+        ThreadPoolExecutor(1) as pool,
+        subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, cwd=cwd
+        ) as process,
+    ):  # fmt: skip
+        peak = pool.submit(_sample_memory, process) if memory else None
+        out, stderr = process.communicate()
+        wall_s = time.perf_counter() - began_s
+        peak_mb = peak.result() / 1e6 if peak else 0.0
+    if process.returncode not in {0, 1}:
+        raise RuntimeError(f"{' '.join(words)} ended with {process.returncode}:\n{stderr}")
+    return FinishedCommand(wall_s, _children_s() - before_s, peak_mb, out)
 
 
-def _still_runs(process: subprocess.Popen[bytes]) -> bool:
-    """Wait for a twentieth of a second and return whether the process still runs."""
-    try:
-        process.wait(timeout=0.05)
-    except subprocess.TimeoutExpired:
-        return True
-    return False
+def _children_s() -> float:
+    """Return the processor time [s] of the processes that were started and have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
-def _memory(root: psutil.Process) -> int:
-    """Return the proportional set size of a process and its children, which counts shared pages once."""
-    total = 0
-    try:
-        for process in (root, *root.children(recursive=True)):
-            total += process.memory_full_info().pss
-    except (psutil.NoSuchProcess, psutil.AccessDenied):
-        return total
-    return total
+def _sample_memory(command: "subprocess.Popen[str]") -> int:
+    """Return the largest proportional set size of a process and its children, which counts shared pages once."""
+    root, largest = psutil.Process(command.pid), 0
+    while command.poll() is None:
+        with suppress(psutil.NoSuchProcess, psutil.AccessDenied):  # one ended meanwhile
+            family = (root, *root.children(recursive=True))
+            largest = max(largest, sum(process.memory_full_info().pss for process in family))
+        time.sleep(0.05)
+    return largest

@@ -28,11 +28,11 @@ from labrig.protocol.load import load_protocol
 from labrig.runner.dry_run import simulate
 from labrig.runner.sight import load_plane_map
 from labrig.vision.plane import PlaneMap
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import print_rows, read_count
 
 ROOT = Path(__file__).parents[2]
 PROTOCOL, RIG = ROOT / "protocols" / "insertion.yaml", ROOT / "calibration" / "rig-simulated.yaml"
-INSERTIONS = int(os.environ.get("LABRIG_BENCHMARK_WORLDS", "20"))
+INSERTIONS = read_count("WORLDS", 20)
 WANTED = {"default": "10", "every 20 mm": "40"}
 """Insertions a second that are wanted of two processes."""
 _EVERY_20_MM = (

@@ -89,16 +89,6 @@ def test_the_jacobians_are_derivatives(psi: FloatArray) -> None:
         np.testing.assert_allclose(found, _differences(moving, psi), atol=1e-7)
 
 
-def test_no_arc_goes_nowhere() -> None:
-    """At psi = 0 every frame is {1b}, and the tip can move along z alone."""
-    frames = path_frames(ZERO, RADIUS_MM)
-    assert np.all(frames.positions_mm == 0)
-    assert np.all(frames.rotations == np.eye(3))
-    expected = np.zeros((3, 8))
-    expected[2, ::2] = RADIUS_MM
-    np.testing.assert_array_equal(path_jacobian(RADIUS_MM, frames), expected)
-
-
 def test_an_arc_bends_towards_minus_y_and_keeps_its_digits() -> None:
     """delta = 0 bends towards -y, pi towards +y, in the plane; a nanoradian deflects by r theta squared over two."""
     for roll_rad, side in ((0.0, -1), (np.pi, 1)):

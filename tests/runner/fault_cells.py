@@ -412,10 +412,7 @@ def cia402_rig() -> RigDescription:
     common = {*AxisDescription.model_fields} - {"driver", "homing"}
     axes = {
         name: Cia402Axis.model_validate(
-            {
-                **Cia402Axis.factory_settings,
-                **{key: getattr(axis, key) for key in common},
-            }
+            dict(Cia402Axis.factory_settings) | {key: getattr(axis, key) for key in common}
         )
         for name, axis in rig.axes.items()
     }
@@ -425,17 +422,7 @@ def cia402_rig() -> RigDescription:
 def run_cell(
     folder: Path, fault: str, phase: Phase, make_rig: Callable[[], RigDescription] = epos2_rig
 ) -> CellResult:
-    """Run a cell and compare it with the table.
-
-    Parameters
-    ----------
-    folder : Path
-        For the record and the state file of the rig.
-    fault, phase
-        Which cell.
-    make_rig : callable
-        Returns the rig file.
-    """
+    """Run a cell on a rig and compare it with the table; record and state file of the rig are in the folder."""
     description = make_rig().placed_in(folder)
     hardware, protocol = _hardware(description), sweep(*_SHORT)
     with _rig(description, hardware) as (rig, camera, signal):

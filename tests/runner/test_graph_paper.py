@@ -58,15 +58,13 @@ def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: 
     protocol = insertion(*NEAR)
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         outcome, run = conduct(opened, protocol, 0.003, ConfirmPlan)
-    assert outcome.exit_status == "success"
     roles = run.frame_table["role"].tolist()
-    assert (roles[0], roles[-1]) == ("grid-before", "grid-after")
+    assert (outcome.exit_status, roles[0], roles[-1]) == ("success", "grid-before", "grid-after")
     result = analyse(run)
     assert isinstance(result.content, InsertionResult)
     sentinel, (trial,) = result.content.sentinel, result.content.insertions
     assert sentinel is not None
-    assert sentinel.accepted
-    assert sentinel.drift == pytest.approx(0.003, abs=5e-4)
+    assert (sentinel.accepted, sentinel.drift) == (True, pytest.approx(0.003, abs=5e-4))
     assert trial.sigma_target_error_mm is not None
     reading_mm, drifted_mm = 0.073, 0.003 * 19.0
     assert trial.sigma_target_error_mm > math.hypot(reading_mm, drifted_mm) - 0.005

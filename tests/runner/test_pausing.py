@@ -1,22 +1,12 @@
-"""A person pauses a run, skips, repeats, marks, notes and takes back: what happens, and what is recorded."""
+"""A person pauses a run: what happens, and what is recorded; `test_any_day` tries what else a person may choose."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from labrig.devices.operator import (
-    NO_OFFER,
-    Answer,
-    Choice,
-    Offer,
-    Operator,
-    OperatorRequest,
-    Paused,
-    ShiftToHole,
-)
+from labrig.devices.operator import NO_OFFER, Answer, Offer, Operator, OperatorRequest, Paused
 from labrig.experiments.declared import find_experiment
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
-from labrig.experiments.shared.needle_events import SpecimenTrialStart, SpecimenTrialStop
 from labrig.record.agreement import Verdict
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
@@ -40,11 +30,6 @@ SHORT = (
 )
 SPARSE = ("recording.state_rate_hz=2", "can.heartbeat={period_ms: 250, timeout_ms: 1250}")
 GO_ON = Answer(confirmed=True, note="c")
-
-
-def choose(choice: Choice, text: str = "") -> Answer:
-    """Return the answer of a person who chooses something instead."""
-    return Answer(confirmed=False, note=text, choice=choice)
 
 
 @dataclass
@@ -84,12 +69,11 @@ class Continues(Asks):
 
 
 @dataclass
-class Chooses:
-    """Gives these answers at pauses and at the questions of a kind; otherwise answers as the operator does."""
+class Answers:
+    """Gives these answers at pauses; otherwise answers as the operator does."""
 
     operator: Operator
-    at: type[OperatorRequest]
-    answers: list[Answer | None]
+    answers: list[Answer]
     asked: list[str] = field(default_factory=list)
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer = NO_OFFER) -> Answer:
@@ -97,33 +81,22 @@ class Chooses:
         self.asked.append(request.text)
         if isinstance(request, Paused):
             meanwhile()
-        answer = self.answers.pop(0) if isinstance(request, self.at) and self.answers else None
-        return self.operator.ask(request, meanwhile) if answer is None else answer
+            return self.answers.pop(0)
+        return self.operator.ask(request, meanwhile)
 
 
 def make_run(
-    tmp_path: Path,
-    answers: Sequence[Answer | None],
-    *,
-    at: type[OperatorRequest] = Paused,
-    point: str = "",
-    overrides: Sequence[str] = (),
-) -> tuple[Outcome, Run, Chooses, Asks]:
-    """Make a sweep of three holes with a person who pauses at a point, and chooses at the questions of a kind."""
+    tmp_path: Path, answers: Sequence[Answer], *, point: str = "", overrides: Sequence[str] = ()
+) -> tuple[Outcome, Run, Answers, Asks]:
+    """Make a sweep of two holes with a person who pauses at a point, and answers there."""
     protocol = sweep(*SHORT, *overrides)
     with bench(tmp_path, protocol, SPARSE) as opened:
         rig, asks = opened.opened.rig, Asks(point)
-        person = Chooses(rig.operator, at, list(answers))
+        person = Answers(rig.operator, list(answers))
         rig.operator = rig._person = person
         session = Session(rig, opened.recorder, Told(), Dialogue(asks))
         outcome = conduct(find_experiment(protocol.experiment), protocol, session)
     return outcome, open_run(opened.recorder.path), person, asks
-
-
-def list_trials(run: Run) -> list[tuple[int, str]]:
-    """Return each trial that started, and why it is left out."""
-    trials = run.read_trials(SpecimenTrialStart, SpecimenTrialStop)
-    return [(trial.start.trial, trial.left_out) for trial in trials]
 
 
 def require_identical(run: Run) -> None:
@@ -142,7 +115,7 @@ def test_a_pause_waits_for_the_end_of_the_insertion_and_loses_nothing(tmp_path: 
     assert kinds[after - 1 : after + 3] == ["trial_stop", "pause", "operator", "continue"]
     assert "Paused after this insertion. The axes hold their positions and are supervised." in person.asked
     assert {"at the next question", "after this insertion"} == set(asks.told)
-    assert list_trials(run) == [(0, ""), (1, "")]
+    assert list(run.trials["exit_status"]) == ["success", "success"]
     assert [pause.duration_s for pause in run.pauses] == [0.0]
     require_identical(run)
 
@@ -170,31 +143,4 @@ def test_a_run_that_is_ended_during_a_pause_is_aborted_and_can_be_resumed(tmp_pa
     assert (outcome.exit_status, outcome.reason) == ("aborted", "the operator ended the run during a pause")
     assert [pause.duration_s for pause in run.pauses] == [None]
     assert [is_lost(trial, run.decisions) for trial in read_past(run).begun] == [False]
-    require_identical(run)
-
-
-def test_what_a_person_chooses_is_done_recorded_and_replayed(tmp_path: Path) -> None:
-    """At hole 2 the first is marked and repeated, and a skip is taken back; hole 3 is skipped."""
-    answers = [
-        None,
-        choose(Choice.MARK_BAD, "blurred"),
-        choose(Choice.NOTE, "bubbles"),
-        choose(Choice.REPEAT),
-        choose(Choice.SKIP),
-        choose(Choice.UNDO),
-        None,
-        choose(Choice.SKIP),
-    ]
-    outcome, run, person, _ = make_run(
-        tmp_path, answers, at=ShiftToHole, overrides=["insertions_per_specimen=3"]
-    )
-    assert outcome.exit_status == "success"
-    assert list_trials(run) == [(0, "marked as bad: blurred"), (1, ""), (3, "")]
-    holes = [text for text in person.asked if text.startswith("Shift")]
-    assert [text.split(" hole ")[1][0] for text in holes] == [*"1222", "2", "3", "2", "3", "4"]
-    assert [(skip.trial, skip.repeats) for skip in run.decisions.skipped] == [(2, None)]
-    assert run.decisions.repeated == {0}
-    assert [note.text for note in run.decisions.notes] == ["bubbles"]
-    starts = run.read_events(SpecimenTrialStart)
-    assert [start.repeats for start in starts] == [None, None, 0]
     require_identical(run)

@@ -21,10 +21,11 @@ def recorder(tmp_path: Path) -> Iterator[Recorder]:
 
 
 def test_a_run_is_paused_and_continued_from_elsewhere(recorder: Recorder) -> None:
-    """A pause can be taken back, and stands until it is to end; continuing what is not paused is refused."""
-    run, control = recorder.path, RunControl(recorder.path)
-    with pytest.raises(InputError, match="the run is not paused"):
-        ask_run(run, "continue")
+    """What a killed run has left asks for nothing; a pause stands until it is to end, and its file is no damage."""
+    run = recorder.path
+    (run / ".control").write_bytes(b"pause")
+    control = RunControl(run)
+    assert (control.asks_for_pause, check_run(run).damage) == (False, ())
     for _ in range(2):
         assert ask_run(run, "pause").startswith("the run pauses at its next safe point")
         assert control.asks_for_pause
@@ -32,6 +33,8 @@ def test_a_run_is_paused_and_continued_from_elsewhere(recorder: Recorder) -> Non
     assert (control.asks_for_pause, control.asks_to_continue) == (True, False)
     assert ask_run(run, "continue") == "the run continues"
     assert (control.asks_for_pause, control.asks_to_continue) == (False, True)
+    with pytest.raises(InputError, match="the run is not paused"):
+        ask_run(run, "continue")
     control.close()
     assert not (run / ".control").exists()
     assert not control.asks_to_continue
@@ -51,12 +54,3 @@ def test_a_run_that_is_over_or_takes_no_requests_is_refused(recorder: Recorder, 
     with pytest.raises(InputError, match=r"is not being made: it has ended: success"):
         ask_run(run, "continue")
     assert outside.read_text() == "running"
-
-
-def test_the_file_that_a_killed_run_leaves_is_no_damage_and_asks_for_nothing(recorder: Recorder) -> None:
-    """A labrig that resumes the run begins anew."""
-    (recorder.path / ".control").write_bytes(b"pause")
-    assert check_run(recorder.path).damage == ()
-    control = RunControl(recorder.path)
-    assert not control.asks_for_pause
-    control.close()

@@ -65,11 +65,8 @@ def test_the_roll_at_every_depth_is_what_it_was_on_the_way_in(steps: list[tuple[
     """The moves pass every depth with the roll of the insertion."""
     path = [AxisPositions(0, 0, 0)]
     for length_mm, turn_rad in steps:
-        deeper = path[-1].insertion_mm + length_mm
-        path += [
-            AxisPositions(deeper, path[-1].rotation_rad, 0),
-            AxisPositions(deeper, path[-1].rotation_rad + turn_rad, 0),
-        ]
+        deeper, roll_rad = path[-1].insertion_mm + length_mm, path[-1].rotation_rad
+        path += [AxisPositions(deeper, roll_rad, 0), AxisPositions(deeper, roll_rad + turn_rad, 0)]
     depth_mm, roll_rad = path[-1].insertion_mm, path[-1].rotation_rad
     for move in plan_reverse_moves(path):
         if move.axis == "rotation":
@@ -102,8 +99,8 @@ def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
         path = read_needle_path(open_run(rig.recorder.path))
         assert [round(path[-1].insertion_mm, 2), round(path[-1].rotation_rad, 2)] == [14, 3]
         withdraw(rig.session, path)
-        positions = collect_axis_positions(rig.opened.rig.read_states())
-        assert max(abs(positions.insertion_mm), abs(positions.rotation_rad), abs(positions.linear_mm)) < 0.01
+        stance = collect_axis_positions(rig.opened.rig.read_states())
+        assert max(map(abs, vars(stance).values())) < 0.01
         assert rig.opened.rig.state.needle_in_tissue is False
 
 

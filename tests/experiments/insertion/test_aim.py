@@ -8,8 +8,12 @@ from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.devices.rig_file import load_rig
 from labrig.errors import FileFormatError
 from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.steering.parameters import PAPER_POLICY
 from tests.devices.rigs import large_rig
 from tests.runner.sessions import PROTOCOLS, find_problems, plan_of
 
@@ -81,19 +85,6 @@ def test_a_rig_without_a_template_is_refused_with_the_command_that_makes_one(tem
     assert template != "null" or "labrig calibrate template" in problem.hint
 
 
-@pytest.mark.parametrize(
-    "override",
-    [
-        "planner.radius_mm=0", "planner.radius_mm=.nan", "target={tolerance_mm: 2}", "estimator={method: paper}",
-        "target={position_mm: [0, 4, 90], pixel: [3, 4]}", "obstacles=[{position_mm: [0, 0, 50], radius_mm: 0}]",
-    ],
-)  # fmt: skip
-def test_values_that_mean_nothing_are_refused_at_their_key(override: str) -> None:
-    """NaN, radii of zero or less, an ambiguous or missing target, and impossible filters are refused at their keys."""
-    with pytest.raises(FileFormatError):
-        insertion(override)
-
-
 def test_what_the_answer_will_be_is_told_beforehand() -> None:
     """The planner's reason at the target's key; a tolerance that one camera cannot certify is warned of with why."""
     refusal = plan_of(insertion("target.position_mm=[0,25,12]"), large_rig()).refusal
@@ -107,3 +98,29 @@ def test_what_the_answer_will_be_is_told_beforehand() -> None:
     assert "by the lag of the bevel" in warning.message
     assert "out_of_plane.lag_sd_deg" in warning.hint
     assert plan_of(insertion(), large_rig()).warnings == ()
+
+
+def test_one_word_is_the_whole_of_the_papers_policy(tmp_path: Path) -> None:
+    """The paper's planner and filter, no limit of the angle, and a file with every key says the same."""
+    protocol = insertion("policy=paper")
+    assert isinstance(protocol, InsertionProtocol)
+    settings = make_insertion_settings(protocol, (0.0, 4.0, 100.0), ())
+    assert settings.policy == PAPER_POLICY
+    words = (settings.method, settings.estimator.method, protocol.policy.turning)
+    assert words == ("paper", "paper", "back_and_forth")
+    path = tmp_path / "resolved.yaml"
+    path.write_text(dump_yaml(protocol), encoding="utf-8")
+    assert load_protocol(path, PROTOCOL_MODELS) == protocol
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        "planner.method=best", "estimator.method=error-state", "estimator.radius_sd_mm=0",
+        "estimator.cavity_every_mm=50", "estimator.slip_sd=0.01", "policy.near_mm=0",
+    ],
+)  # fmt: skip
+def test_a_key_beside_the_papers_policy_is_refused(beside: str) -> None:
+    """What the word decides cannot be set too."""
+    with pytest.raises(FileFormatError, match=beside.partition("=")[0]):
+        insertion("policy=paper", beside)

@@ -57,11 +57,11 @@ class TipOffset:
     def spread(self) -> tuple[FloatArray, FloatArray]:
         """Return distances from the target (N,) [mm] and their probabilities (N,)."""
         variances, axes = np.linalg.eigh(self.covariance_mm2)
-        places = self.mm + (_fill_normal() * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
-        seen_mm = np.linalg.norm(places[:, 1:] - places[:, :1] * self.slope, axis=1)
+        x, y, z = (axes * np.sqrt(np.maximum(variances, 0.0))) @ _fill_normal() + self.mm[:, None]
+        seen_mm = np.hypot(y - x * self.slope[0], z - x * self.slope[1])
         least_mm = _LEAST_SHARE * float(seen_mm.std()) + _KNOWN_MM
         shares = 1.0 / np.maximum(seen_mm, least_mm)
-        return np.linalg.norm(places, axis=1), self.probability * shares / shares.sum()
+        return np.sqrt(x**2 + y**2 + z**2), self.probability * shares / shares.sum()
 
 
 def bound_target_error(*offsets: TipOffset) -> tuple[float, float]:
@@ -69,7 +69,7 @@ def bound_target_error(*offsets: TipOffset) -> tuple[float, float]:
     distances_mm, shares = (
         np.concatenate(parts) for parts in zip(*(offset.spread() for offset in offsets), strict=True)
     )
-    order = np.argsort(distances_mm, kind="stable")
+    order = np.argsort(distances_mm)
     total = np.cumsum(shares[order])
     low_mm, high_mm = np.interp(_LEVELS, total / total[-1], distances_mm[order])
     return float(low_mm), float(high_mm)
@@ -92,6 +92,6 @@ def decide_arrival(interval_mm: tuple[float, float], tolerance_mm: float) -> Arr
 
 @cache
 def _fill_normal() -> FloatArray:
-    """Return points (N, 3) that fill the standard normal distribution of space evenly."""
-    counts = np.arange(_POINTS, dtype=np.float64)[:, None]
-    return freeze(ndtri((0.5 + counts * _ROOT ** -np.arange(1.0, 4.0)) % 1.0))
+    """Return points (3, N) that fill the standard normal distribution of space evenly."""
+    steps = _ROOT ** -np.arange(1.0, 4.0)
+    return freeze(ndtri((0.5 + np.arange(_POINTS) * steps[:, None]) % 1.0))

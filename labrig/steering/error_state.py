@@ -47,14 +47,15 @@ def step_error_state(state: TipState, observation: TipObservation, settings: Est
     nis, log_likelihood, accepted = None, 0.0, False
     if observation.position_mm is not None:
         innovation = ((observation.position_mm - position) @ rotation)[settings.seen]
-        spread = covariance[settings.seen, settings.seen] + settings.noise
+        noise = settings.noise
+        spread = covariance[settings.seen, settings.seen] + noise
         nis = float(innovation @ np.linalg.solve(spread, innovation))
         log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * spread)))
         fits = nis <= _limit_nis(state, settings)
         accepted = fits or state.misses >= _PATIENCE
         if accepted:
             covariance = covariance if fits else _reopen(covariance, innovation, settings)
-            error, covariance = update(error, covariance, innovation, settings.noise, settings.observed)
+            error, covariance = update(error, covariance, innovation, noise, settings.observed)
             # The error moves into the pose.
             position = position + rotation @ error[POSITION]
             rotation = rotation @ rotation_from_vector(error[ORIENTATION])

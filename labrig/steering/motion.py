@@ -53,7 +53,7 @@ def step_origin_slope(roll_rad: float, step_mm: float, curvature: float) -> Floa
 
 def rotation_from_vector(rotation_vector: FloatArray) -> FloatArray:
     """Return exp(v^), (3, 3), by Rodrigues' formula."""
-    x, y, z = (float(v) for v in rotation_vector)
+    x, y, z = rotation_vector.tolist()
     angle = math.sqrt(x * x + y * y + z * z)
     s, c = _sinc(angle), 0.5 * _sinc(0.5 * angle) ** 2
     return np.array(

@@ -204,23 +204,21 @@ def close_paths(tips: Tips, field: Field, target: complex) -> Closures:
     bases = to_target[meets] / apart[meets]
     e = np.concatenate((bases * (cosine[meets] + 1j * sine), bases * (cosine[meets] - 1j * sine)))
     parent = np.concatenate((meets, meets))
-    sign = tips.signs[parent]
-    joint = 1j * sign * e
-    second = first[parent] + 2 * r * e
+    joint = 1j * tips.signs[parent] * e
+    forwards = np.flatnonzero(joint.real >= -1e-12)
+    e, joint, parent = e[forwards], joint[forwards], parent[forwards]
+    sign, second = tips.signs[parent], first[parent] + 2 * r * e
     end = -1j * sign * (target - second) / r
     turn_1 = joint * start[parent].conj()
     turn_2 = end * joint.conj()
-    fits = (
-        (joint.real >= -1e-12) & (end.real >= -1e-12) & (turn_1.imag * sign >= 0) & (turn_2.imag * sign <= 0)
-    )
-    fits = np.flatnonzero(fits)
+    fits = np.flatnonzero((end.real >= -1e-12) & (turn_1.imag * sign >= 0) & (turn_2.imag * sign <= 0))
     sign = sign[fits]
     angles = np.stack((sign * np.angle(turn_1[fits]), -sign * np.angle(turn_2[fits])), axis=1)
     whole = tips.angles_rad[parent[fits]].sum(axis=1) + angles.sum(axis=1)
     short = np.flatnonzero((whole * r <= field.max_length_mm) & np.all(angles >= 0, axis=1))
     chosen = fits[short]
     centres = np.stack((first[parent[chosen]], second[chosen]), axis=1)
-    keys = tips.keys[parent[chosen]] * np.uint64(2) + (chosen >= len(meets)).astype(np.uint64)
+    keys = tips.keys[parent[chosen]] * np.uint64(2) + (forwards[chosen] >= len(meets)).astype(np.uint64)
     return Closures(parent[chosen], angles[short], centres, first[parent[chosen]] + r * e[chosen], keys)
 
 

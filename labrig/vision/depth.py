@@ -274,7 +274,8 @@ class _Traces:
         grown = 1.0 + places.mean_mm / self.height_mm
         runs_mm, rises_mm = np.diff(grown[:, None] * self.nodes_mm, axis=0), np.diff(places.mean_mm)
         lengths_mm = np.maximum(np.hypot(np.linalg.norm(runs_mm, axis=1), rises_mm), _TINY_MM)
-        spread = np.diff(np.diff(places.covariance, axis=0), axis=1).diagonal()
+        variances = places.covariance.diagonal()
+        spread = variances[1:] + variances[:-1] - 2.0 * places.covariance.diagonal(1)
         along, up = runs_mm / lengths_mm[:, None], rises_mm / lengths_mm
         steps = np.arange(len(lengths_mm))
         slopes = np.zeros((len(steps), len(grown)))
@@ -298,17 +299,18 @@ def _update(traces: _Traces, before: FloatArray, near: _Places) -> _Places:
     for _ in range(_MOST_STEPS):
         expected, slopes = traces.linearise(places)
         rows = np.hstack((slopes, traces.common))
-        seen = traces.seen - expected + slopes @ places.mean_mm
-        spread = rows @ prior @ rows.T + traces.covariance
-        gain = np.linalg.solve(spread, rows @ prior).T
-        covariance = prior - gain @ rows @ prior
-        likelihood = -0.5 * float(seen @ np.linalg.solve(spread, seen) + np.linalg.slogdet(spread)[1])
-        step_mm = (gain @ seen)[:count] - places.mean_mm
+        seen, shared = traces.seen - expected + slopes @ places.mean_mm, rows @ prior
+        root = np.linalg.cholesky(shared @ rows.T + traces.covariance)
+        whitened = np.linalg.solve(root, np.column_stack((shared[:, :count], seen)))
+        gain, seen = whitened[:, :-1].T, whitened[:, -1]
+        covariance = before - gain @ gain.T
+        likelihood = -0.5 * float(seen @ seen) - float(np.log(root.diagonal()).sum())
+        step_mm = gain @ seen - places.mean_mm
         largest_mm = float(np.abs(step_mm).max())
         # Steps that grow go back and forth about the place.
         share = 0.5 * share if largest_mm > before_mm else share
         before_mm = largest_mm
-        places = _Places(places.mean_mm + share * step_mm, covariance[:count, :count], likelihood)
+        places = _Places(places.mean_mm + share * step_mm, covariance, likelihood)
         if largest_mm < _CONVERGED_MM:
             break
     return places

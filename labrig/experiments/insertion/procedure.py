@@ -64,6 +64,7 @@ from labrig.experiments.insertion.settings import (
 )
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
+from labrig.needle.kinematics import FloatArray
 from labrig.runner.graph_paper import photograph_grid, require_same_grid
 from labrig.runner.session import Session, TrialRun
 from labrig.runner.sight import Sight, TakenPicture
@@ -72,6 +73,7 @@ from labrig.steering.planner import sample_path
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState
 from labrig.steering.step import start_steering, step_steering
+from labrig.steering.tip import TipState
 from labrig.steering.tip_search import TipSearched
 from labrig.steering.torsion import RolledStretch
 from labrig.vision.drawing import DrawnPlan, draw_plan
@@ -185,15 +187,15 @@ def steer(
             insertion.run_to_mm = 0.0  # the move ended where the needle was stopped
         insertion.turn_bevel(command.roll_rad, state)
         picture = insertion.advance(command)
-        seen = insertion.find_tip(picture, state)
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
-        before = state
+        expected = state.predict(inserted_mm, insertion.settings)
+        seen = insertion.find_tip(picture, expected, state.tip)
         halt = insertion.follow_markers(picture, inserted_mm)
         sighting = TipSighting(inserted_mm, seen.position_mm)
         state, command = insertion.session.compute(
             partial(step_steering, state, sighting, insertion.settings, halt)
         )
-        insertion.record_sighting(picture, seen, before, state)
+        insertion.record_sighting(picture, seen, expected[:3, 3], state)
     insertion.session.tell_next_point("")
     return state, command
 
@@ -305,13 +307,9 @@ class Insertion:
         self.path.append(collect_axis_positions(states))
         return self.session.take_picture(NeedleRole.OBSERVE, self.trial)
 
-    def find_tip(self, picture: TakenPicture, state: SteeringState) -> TipSearched:
-        """Find the tip in a picture, near where the last state predicts it."""
-        inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
-        expected = state.predict(inserted_mm, self.settings)
-        return self.session.compute(
-            partial(self.sight.find_tip, picture, expected, state.tip, self.bevel.base_rad)
-        )
+    def find_tip(self, picture: TakenPicture, expected: FloatArray, tip: TipState) -> TipSearched:
+        """Find the tip in a picture, near the pose (4, 4) that is expected after the last estimate."""
+        return self.session.compute(partial(self.sight.find_tip, picture, expected, tip, self.bevel.base_rad))
 
     def find_markers(self) -> None:
         """Find every marker before the needle moves, if the protocol has any."""
@@ -457,11 +455,10 @@ class Insertion:
         )
 
     def record_sighting(
-        self, picture: TakenPicture, seen: TipSearched, before: SteeringState, state: SteeringState
+        self, picture: TakenPicture, seen: TipSearched, predicted_mm: FloatArray, state: SteeringState
     ) -> None:
         """Record the observation and the estimate, and the plan if the planner ran."""
-        fix, inserted_mm = seen.fix, state.insertion_mm
-        predicted_mm = before.predict(inserted_mm, self.settings)[:3, 3]
+        fix = seen.fix
         self.session.record(
             TipObserved(
                 trial=self.trial,
@@ -478,7 +475,7 @@ class Insertion:
         )
         if state.why is not None:
             self._record_plan(state, picture.frame)
-        self.session.tell(f"inserted {inserted_mm:.0f} mm")
+        self.session.tell(f"inserted {state.insertion_mm:.0f} mm")
 
     def _record_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
         self.session.record(

@@ -66,8 +66,14 @@ def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_pat
     for name, kind in (("a sweep", "bench"), ("needle", "bench"), ("other", "simulated")):
         experiment = "steerability" if name == "a sweep" else "roll-zero"
         sources = {"rig": "the bench.yaml" if kind == "bench" else None}
-        made = {"experiment": experiment, "devices": {"kind": kind}, "sources": sources}
-        recorder = begin(tmp_path / "writing", name, trials_planned=3 * (name == "a sweep"), **made)
+        recorder = begin(
+            tmp_path / "writing",
+            name,
+            trials_planned=3 * (name == "a sweep"),
+            experiment=experiment,
+            devices={"kind": kind},
+            sources=sources,
+        )
         recorder.event("trial_start", 0.0, trial=0)
         shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)
     place = tmp_path / "runs"

@@ -96,7 +96,7 @@ def test_the_lists_of_an_insertion_are_tables_of_their_own() -> None:
     assert tables["insertion_obstacles"]["position_z_mm"].tolist() == [12.0]
     assert {"path_x_mm", "path_y_mm", "path_z_mm"} <= set(tables["truth_path"].columns)
     for name in set(tables) - {"events"}:
-        texts = tables[name].select_dtypes("string")
+        texts: pd.DataFrame = tables[name].select_dtypes("string")
         assert not any(texts[column].str.startswith(("[{", "[[")).any() for column in texts), name
 
 

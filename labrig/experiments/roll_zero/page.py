@@ -49,10 +49,12 @@ def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZ
     return Page(TEMPLATE, plane, shown)
 
 
-def _read_true_needle(run: Run) -> Mapping[str, float] | None:
+def _read_true_needle(run: Run) -> Mapping[str, object] | None:
     """Return the needle of the simulated world; None on a rig."""
-    world = None if run.rig_path is None else load_yaml_values(run.rig_path).get("world")
-    return world["needle"] if isinstance(world, Mapping) else None
+    match None if run.rig_path is None else load_yaml_values(run.rig_path):
+        case {"world": {"needle": Mapping() as needle}}:
+            return needle
+    return None
 
 
 def _leave_plane_mm(length_mm: float, radius_mm: float) -> float:

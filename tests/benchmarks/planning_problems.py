@@ -43,14 +43,20 @@ def draw_spatial_problems(count: int, seed: int) -> list[PlanProblem]:
     return problems
 
 
-def _draw_around_witness(rng: np.random.Generator) -> PlanProblem | None:
+def _draw_witness(rng: np.random.Generator, angles_rad: tuple[float, float]) -> NDArray[np.float64] | None:
+    """Return a path in space of three to five arcs; None if it turns back or is short."""
     arcs = int(rng.integers(3, 6))
     rolls = np.pi + rng.normal(0, 1, arcs)
     rolls[0] = rng.uniform(-np.pi, np.pi)
-    witness = integrate_path(list(zip(rolls, rng.uniform(0.4, 1.1, arcs), strict=True)), RADIUS_MM, 0.3)
-    target = (float(witness[-1, 0]), float(witness[-1, 1]), float(witness[-1, 2]))
-    if target[2] < 75 or np.any(np.diff(witness[:, 2]) < 0.05):
+    witness = integrate_path(list(zip(rolls, rng.uniform(*angles_rad, arcs), strict=True)), RADIUS_MM, 0.3)
+    return None if witness[-1, 2] < 75 or np.any(np.diff(witness[:, 2]) < 0.05) else witness
+
+
+def _draw_around_witness(rng: np.random.Generator) -> PlanProblem | None:
+    witness = _draw_witness(rng, (0.4, 1.1))
+    if witness is None:
         return None
+    target = (float(witness[-1, 0]), float(witness[-1, 1]), float(witness[-1, 2]))
     free = plan_path(PlanProblem(target))
     if not free.found:
         return None
@@ -106,12 +112,8 @@ def draw_tunnel(rng: np.random.Generator, spare_mm: float) -> PlanProblem:
 def draw_rings(rng: np.random.Generator) -> PlanProblem:
     """Return a problem in space with ten rings of four tight spheres around a witness path."""
     while True:
-        arcs = int(rng.integers(3, 6))
-        rolls = np.pi + rng.normal(0, 1, arcs)
-        rolls[0] = rng.uniform(-np.pi, np.pi)
-        turns = list(zip(rolls.tolist(), rng.uniform(0.5, 1.3, arcs).tolist(), strict=True))
-        witness = integrate_path(turns, RADIUS_MM, 0.3)
-        if witness[-1, 2] < 75 or np.any(np.diff(witness[:, 2]) < 0.05):
+        witness = _draw_witness(rng, (0.5, 1.3))
+        if witness is None:
             continue
         spheres = []
         for share in np.linspace(0.15, 0.9, 10):

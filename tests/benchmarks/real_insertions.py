@@ -11,12 +11,10 @@ four times.
 import csv
 import json
 import math
-import subprocess
 import sys
-from dataclasses import dataclass
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +22,7 @@ from numpy.typing import NDArray
 from labrig.vision.calibrate_plane import fit_plane
 from labrig.vision.paper import find_paper
 from labrig.vision.picture import read_picture
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import measure, print_rows
 
 PICTURES = Path(__file__).parents[3] / "shared" / "data" / "real_insertions"
 MARKS = Path(__file__).with_name("marks")
@@ -40,31 +38,15 @@ WITHIN_MM = 1.0
 ASTRAY_MM = 5.0
 
 
-@dataclass(frozen=True)
-class MarkedTip:
-    """The two marks (u, v) [px] of the tip in a frame of a trial, and the frame's file."""
+class MarkedTip(NamedTuple):
+    """The two marks (u, v) [px] of the tip in a frame of a trial."""
 
     trial: str
     frame: int
     marks_px: NDArray[np.float64]
 
-    @property
-    def picture(self) -> Path:
-        """Return the frame's file."""
-        return PICTURES / self.trial / f"ImgFeedback{self.frame}.jpg"
 
-    @property
-    def mean_px(self) -> NDArray[np.float64]:
-        """Return the mean of the two marks."""
-        return np.asarray(self.marks_px.mean(axis=0))
-
-    @property
-    def spread_px(self) -> float:
-        """Return the distance between the two marks."""
-        return math.dist(*self.marks_px)
-
-
-def read_marked_tips() -> list[MarkedTip]:
+def _read_marked_tips() -> list[MarkedTip]:
     """Return the marks of all frames, in the order of trials and frames."""
     with (MARKS / "real_tips.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.reader(file))[1:]
@@ -76,12 +58,12 @@ def print_table() -> None:
     if not PICTURES.is_dir():
         print(f"skipped: {PICTURES} is not here")
         return
-    marks = read_marked_tips()
-    measured = _measure([mark.picture for mark in marks])
+    marks = _read_marked_tips()
+    measured = _measure([PICTURES / mark.trial / f"ImgFeedback{mark.frame}.jpg" for mark in marks])
     errors = [_error_mm(tip, mark) for tip, mark in zip(measured, marks, strict=True)]
     found = sorted(error for error in errors if error is not None)
     near = sum(error <= WITHIN_MM for error in found)
-    spreads = np.array([mark.spread_px for mark in marks]) / PX_PER_MM
+    spreads = np.array([math.dist(*mark.marks_px) for mark in marks]) / PX_PER_MM
     steps = _measure_steps(marks, measured)
     good = sum(abs(step - STEP_MM) <= WITHIN_MM for step in steps if step is not None)
     off = _compare_lines()
@@ -105,22 +87,21 @@ def print_table() -> None:
     for mark, tip, error in zip(marks, measured, errors, strict=True):
         if error is None or error > WITHIN_MM:
             told = tip["reason"] if error is None else f"{error:.2f} mm off"
-            print(f"{_name_frame(mark)}: {told}")
+            print(f"{mark.trial.replace('_feedbackfinal', '')} frame {mark.frame}: {told}")
 
 
 def _measure(pictures: list[Path]) -> list[dict[str, Any]]:
     command = [sys.executable, "-m", "labrig", "measure", "curvature", *map(str, pictures)]
     mapping = ["--px-per-mm", str(PX_PER_MM), "--origin-px", "70", "50", "--insertion", "down"]
     needle = ["--needle-diameter-mm", "1", "--json"]
-    done = subprocess.run([*command, *mapping, *needle], check=False, capture_output=True, text=True)
-    measured: list[dict[str, Any]] = json.loads(done.stdout)
+    measured: list[dict[str, Any]] = json.loads(measure([*command, *mapping, *needle]).out)
     return measured
 
 
 def _error_mm(measured: dict[str, Any], mark: MarkedTip) -> float | None:
     if not measured["found"]:
         return None
-    return math.dist(measured["tip_px"], mark.mean_px) / PX_PER_MM
+    return math.dist(measured["tip_px"], mark.marks_px.mean(axis=0)) / PX_PER_MM
 
 
 def _share_held(measured: list[dict[str, Any]], errors: list[float | None]) -> str:
@@ -135,10 +116,6 @@ def _share_held(measured: list[dict[str, Any]], errors: list[float | None]) -> s
 
 def _summarize(values: NDArray[np.float64]) -> str:
     return f"{np.median(values):.2f}, {np.percentile(values, 95):.2f}, {values.max():.2f}"
-
-
-def _name_frame(mark: MarkedTip) -> str:
-    return f"{mark.trial.replace('_feedbackfinal', '')} frame {mark.frame}"
 
 
 def _measure_steps(marks: list[MarkedTip], measured: list[dict[str, Any]]) -> list[float | None]:

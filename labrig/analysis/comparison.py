@@ -26,12 +26,15 @@ from labrig.analysis.statistics import (
 )
 from labrig.errors import InputError
 from labrig.protocol.model import Model
+from labrig.record.json_lines import flatten
 from labrig.text import format_count
 
 DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
 MOST_GROUPS_IN_PAIRS = 12
 """A pair takes a third of a second where there are many groups, and a page of 66 pairs is as much as anybody reads."""
 _MOST_HINTED = 15
+_MOST_KEYS = 5
+_NAMING = frozenset({"title", "notes", "operator", "seed", "specimen", "specimens", "needle_id"})
 _INTERVALS = ("ci95_low", "ci95_high", "sigma_")
 _UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "deg", "s": "s", "percent": "%"}
 
@@ -168,6 +171,7 @@ def compare_runs(
             *notes,
             *_note_shared_blocks(counted),
             *_note_settings(used),
+            *_note_protocols(used, fields),
             *(sentence for run in used for sentence in _note_run(run.about)),
             *_note_groups(groups, {run.about.simulated for run in used}),
         ),
@@ -329,21 +333,40 @@ def _note_settings(runs: Sequence[Measured]) -> Iterable[str]:
             yield f"The results were measured with different settings: {key} is {told}."
 
 
+def _note_protocols(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]:
+    """Yield what the protocols say otherwise, by name; what names a run or its groups is expected to differ."""
+    values: defaultdict[str, dict[str, list[str]]] = defaultdict(dict)
+    for run in runs:
+        found = defaultdict[str, list[str]](list)
+        for key, value in flatten(run.run.protocol, skip=_NAMING):
+            found[key].append(str(value))
+        for key, parts in found.items():
+            values[key].setdefault(", ".join(parts), []).append(run.name)
+    told = [
+        f"{key} ({'; '.join(f'{value} in {_list_some(names)}' for value, names in found.items())})"
+        for key, found in values.items()
+        if key not in by and (len(found) > 1 or sum(map(len, found.values())) < len(runs))
+    ]
+    if told:
+        more = f", and in {len(told) - _MOST_KEYS} more keys" if len(told) > _MOST_KEYS else ""
+        yield f"The protocols of the runs differ in {', '.join(told[:_MOST_KEYS])}{more}."
+
+
 def _note_run(run: UsedRun) -> Iterable[str]:
     if run.overrides:
         yield f"Result {run.result} of {run.run} has settings changed after the run: {', '.join(run.overrides)}."
     if run.verdict in {"bad", "doubtful"}:
         yield f"{run.run} was judged {run.verdict}."
     if run.exit_status != "success":
-        yield f"{run.run} is {run.exit_status}: what it measured is compared all the same."
+        yield f"{run.run} did not succeed ({run.exit_status}): what it measured is compared all the same."
 
 
 def _note_groups(groups: Sequence[Group], simulated: set[bool]) -> Iterable[str]:
     if len(simulated) > 1:
         yield "Simulated runs and others are compared with each other."
-    for group in groups:
-        if group.n < 2:
-            yield f"{group.name} has n = {group.n}: it is listed, but not tested."
+    single = [group.name for group in groups if group.n < 2]
+    if single:
+        yield f"Listed, but not tested, for less than two values: {_list_some(single)}."
     flat = [group.name for group in groups if group.sd == 0.0]
     if flat:
         yield f"All values are the same in {_list_some(flat)}: without a spread there is no Welch's ANOVA."

@@ -36,7 +36,7 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         return None
     panels = 1 if result.tolerance is None else 2
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 1.1 + 0.42 * len(result.arms)), layout="constrained")
+        figure = Figure(figsize=(9.6, 1.1 + 0.62 * len(result.arms)), layout="constrained")
         axes = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
         known = read_values(table, result.measure)
         intervals = [arm.ci95 for arm in result.arms]
@@ -88,7 +88,7 @@ def draw_over_points(result: CampaignResult, table: pd.DataFrame, keys: Sequence
         for panel, key in zip(panels, shown, strict=False):
             _draw_points(panel, known, key, result.measure)
         for panel in panels[len(shown) :]:
-            panel.set_axis_off()
+            panel.remove()
         return svg(figure, "over-points")
 
 

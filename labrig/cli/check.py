@@ -32,12 +32,15 @@ def check(
     print_json({**found.document(), "plugins": faults})
     print_problems(found.problems)
     print_problems(found.warnings, "warning: ")
-    where = "without a rig" if found.rig_name is None else f"on rig {found.rig_name}"
-    print_line(
-        f"{protocol} {'can' if found.ok else 'cannot'} run {where}: {duration(found.plan.duration_s)} of motion, "
-        f"{format_count(found.plan.operator_steps, 'operator step')}, "
-        f"{format_count(found.plan.pictures, 'picture')}, {found.disk_bytes / 1e6:.0f} MB"
-    )
+    can, takes = "can" if found.ok else "cannot", duration(found.plan.duration_s)
+    if found.rig_name is None:
+        print_line(f"{protocol} {can} run; it moves nothing, and computes about {takes} on two processors")
+    else:
+        print_line(
+            f"{protocol} {can} run on rig {found.rig_name}: {takes} of motion, "
+            f"{format_count(found.plan.operator_steps, 'operator step')}, "
+            f"{format_count(found.plan.pictures, 'picture')}, {found.disk_bytes / 1e6:.0f} MB"
+        )
     for age in found.calibration:
         print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))
     print_line(f"not checked here: {', '.join(found.left_to_run)}")

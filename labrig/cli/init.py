@@ -23,7 +23,7 @@ def init(
     if kept:
         say(f"kept as they are, and other than labrig's: {', '.join(kept)}")
     go = "" if folder == Path() else f"cd {shlex.quote(str(folder))}\n"
-    say(f"next:\n{go}labrig check steerability\nlabrig run steerability")
+    say(f"next:\n{go}labrig check steerability\nlabrig run steerability --set insertions_per_specimen=3")
 
 
 def make_schemas() -> dict[str, bytes]:

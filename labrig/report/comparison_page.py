@@ -76,6 +76,8 @@ def draw_groups(comparison: Comparison, table: pd.DataFrame) -> DrawnFigure:
         axes = figure.subplots()
         intervals = [ends for group in groups for ends in (group.ci95, group.ci95_with_shared)]
         axes.set_xlim(choose_limits(table["value"].dropna().tolist(), intervals))
+        if "error" in comparison.quantity:
+            axes.set_xlim(left=0.0)  # the distance from a target is never negative
         for place, group in enumerate(groups):
             rows = table[(table["group"] == group.name) & table["value"].notna()]
             blocks = (

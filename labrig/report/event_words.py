@@ -101,9 +101,12 @@ def _judge(kind: str, event: Mapping[str, Any]) -> Level:
 def _list_fields(fields: Mapping[str, Any]) -> str:
     """Return names and values, each with its unit; lists and what is empty are left out."""
     told = []
-    for name, value in fields.items():
-        if name not in _HIDDEN and isinstance(value, str | int | float) and value != "":
-            words, unit = split_quantity(name)
+    for name, recorded in fields.items():
+        if name not in _HIDDEN and isinstance(recorded, str | int | float) and recorded != "":
+            (words, unit), value = split_quantity(name), recorded
+            if unit == "rad":
+                value, unit = math.degrees(float(value)), "degrees"
+            value = float(f"{value:.3g}") if isinstance(value, float) else value
             shown = format_value(
                 value + 1 if name in _COUNTED_FROM_ZERO and isinstance(value, int) else value
             )

@@ -56,6 +56,8 @@ _METADATA = {
     "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
     "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
 }
+_NARROW_IN = 4.4
+"""Width of a figure whose text can be read on a telephone."""
 _GREY = "#333333"
 _DESIGN_LINE: dict[str, Any] = {"color": DESIGN, "linewidth": 1.4, "linestyle": (0, (4, 2.5))}
 _MEAN: dict[str, Any] = {"markersize": 6, "capsize": 3.5, "linewidth": 1.5}
@@ -65,14 +67,37 @@ _PAPER: dict[str, Any] = {"fmt": "D", "color": "#666666", "mfc": "white", "marke
 
 
 class DrawnFigure(Markup):
-    """A figure as an element of a page, and what it was drawn from, so that it can be written as a file too."""
+    """A figure as elements of a page, wide and narrow, and what it was drawn from, for a file of it."""
 
     name: str
     figure: Figure
 
 
 def svg(figure: Figure, name: str) -> DrawnFigure:
-    """Return the figure as an element of the page; its identifiers are unique within the page."""
+    """Return the figure as elements of the page: as it is, and for narrow screens with its panels in one column."""
+    width_in, height_in = figure.get_size_inches().tolist()
+    panels = {axes: place for axes in figure.axes if (place := axes.get_subplotspec()) is not None}
+    wide = _draw_element(figure, name, "wide")
+    columns = max((place.get_gridspec().ncols for place in panels.values()), default=1)
+    tall_in = height_in * columns
+    if any(axes.get_aspect() != "auto" for axes in panels):
+        tall_in *= min(1.0, columns * _NARROW_IN / width_in)
+    figure.set_size_inches(_NARROW_IN, tall_in)
+    column = figure.add_gridspec(len(panels), 1)
+    for row, axes in enumerate(panels):
+        axes.set_subplotspec(column[row])
+    narrow = _draw_element(figure, f"{name}-narrow", "slim")
+    for axes, place in panels.items():
+        axes.set_subplotspec(place)
+    figure.set_size_inches(width_in, height_in)
+    # Safe: drawn here from numbers and from text that matplotlib escapes.
+    drawn = DrawnFigure(wide + narrow)
+    drawn.name, drawn.figure = name, figure
+    return drawn
+
+
+def _draw_element(figure: Figure, name: str, look: str) -> str:
+    """Return the figure as an SVG element of this class; its identifiers are unique within the page."""
     buffer = io.StringIO()
     with mpl.rc_context(SETTINGS):
         # Not `savefig`, which draws everything twice, first into nothing.
@@ -81,12 +106,8 @@ def svg(figure: Figure, name: str) -> DrawnFigure:
     text = text[text.index("<svg") :]
     text = re.sub(r'\s+(xmlns(:\w+)?|version)="[^"]*"', "", text, count=3)
     text = re.sub(r'\s(?:width|height)="[\d.]+pt"', "", text, count=2)
-    text = text.replace("xlink:href", "href")
-    text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
-    # Safe: drawn here from numbers and from text that matplotlib escapes.
-    drawn = DrawnFigure(text)
-    drawn.name, drawn.figure = name, figure
-    return drawn
+    text = text.replace("xlink:href", "href").replace("<svg", f'<svg class="{look}"', 1)
+    return re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
 
 
 def write_figure(folder: Path, drawn: DrawnFigure) -> None:
@@ -147,7 +168,8 @@ def draw_interval(
 ) -> None:
     """Draw an interval with caps, and with an arrow where it goes on beyond the limits of its axis."""
     limits, cap, arrows = (axes.get_ylim(), "_", "v^") if upright else (axes.get_xlim(), "|", "<>")
-    shown = np.clip(ends, *limits)
+    inset = 0.02 * (limits[1] - limits[0])
+    shown = np.clip(ends, limits[0] + inset, limits[1] - inset)
     marks = (
         (at, cap, 8) if end == at else (at, arrow, 5)
         for end, at, arrow in zip(ends, shown, arrows, strict=True)
@@ -157,6 +179,12 @@ def draw_interval(
         across = np.full_like(along, place)
         points = (across, along) if upright else (along, across)
         axes.plot(*points, style, color=colour, linewidth=width, markersize=size, clip_on=style == "-")
+    if tuple(shown) != tuple(ends):
+        words, at = f"{ends[0]:.3g} to {ends[1]:.3g}".replace("-", "−"), float(shown[int(upright)])
+        # Beside an upright interval, and above the end of any other.
+        look: dict[str, Any] = {"rotation": 90, "va": "top"} if upright else {"ha": "right", "va": "bottom"}
+        place_at, off = ((place, at), (-11, 0)) if upright else ((at, place), (0, 5))
+        axes.annotate(words, place_at, off, textcoords="offset points", fontsize=8, color=colour, **look)
 
 
 def draw_steerability_figure(series: Sequence[GelSeries], design: Design, name: str) -> DrawnFigure:
@@ -172,7 +200,7 @@ def draw_steerability_figure(series: Sequence[GelSeries], design: Design, name: 
 def _draw_paths(axes: Axes, series: Sequence[GelSeries], design: Design) -> None:
     for gel in series:
         for path in gel.paths_mm:
-            axes.plot(path[:, 1], path[:, 0], color=gel.mark.colour, linewidth=0.7, alpha=0.55)
+            axes.plot(path[:, 1], path[:, 0], color=gel.mark.colour, linewidth=1.1, alpha=0.7)
         axes.plot([], [], color=gel.mark.colour, linewidth=2, label=gel.label)
     angle = np.linspace(0.0, design.length_mm / design.radius_mm, 80)
     sideways_mm = design.side * design.radius_mm * (1.0 - np.cos(angle))
@@ -189,7 +217,7 @@ def _draw_paths(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
 
 
 def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None:
-    """Draw a column a gel: radii, our mean, the drawn mean and the paper's, from left to right."""
+    """Draw a column a gel: radii, our mean, the true mean and the paper's, from left to right."""
     axes.axhline(design.radius_mm, label=f"design, {design.radius_mm:g} mm", **_DESIGN_LINE)
     for place, gel in enumerate(series):
         # Spread sideways in a fixed pattern, so that equal radii do not cover each other.
@@ -234,7 +262,7 @@ def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
     if any(gel.paper_mm for gel in series):
         axes.errorbar([], [], [], label="paper: mean, ± SD dashed", **_PAPER)
     if any(gel.drawn_mean_mm is not None for gel in series):
-        axes.errorbar([], [], xerr=[], label="mean of the drawn radii", **_DRAWN)
+        axes.errorbar([], [], xerr=[], label="true mean of the simulation", **_DRAWN)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, handlelength=1.8)
 
 

@@ -93,7 +93,11 @@ def plan_run(
 ) -> RunPlan:
     """Return the plan of a run on a rig, or of what is left of one; the rig is None for a protocol that moves none."""
     if rig is None:
-        return RunPlan(problems=tuple(experiment.part("find_problems")(protocol)))
+        estimate = experiment.find_part("estimate_s")
+        return RunPlan(
+            duration_s=0.0 if estimate is None else estimate(protocol),
+            problems=tuple(experiment.part("find_problems")(protocol)),
+        )
     record = _Watch(find_rig_problems(protocol, rig))
     try:
         session, virtual = _open_session(protocol, rig, record, protocol.seed)

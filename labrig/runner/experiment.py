@@ -63,7 +63,7 @@ PLACES: Mapping[str, str] = {
     for place, names in (
         ("protocol", "Protocol"),
         ("procedure", "run"),
-        ("analysis", "measure UNITS conclude analyze find_problems"),
+        ("analysis", "measure UNITS conclude analyze find_problems estimate_s"),
         ("result", "RunResult summarise"),
         ("page", "TEMPLATE make_page make_films"),
         ("view", "make_view follow"),
@@ -73,7 +73,8 @@ PLACES: Mapping[str, str] = {
 }
 """Part of an experiment -> the module of its package in which it stands; a small one is a single module.
 
-`find_problems(protocol)` says why a protocol that moves no rig cannot be run; `tell_values(events, truths)` tells the
+`find_problems(protocol)` says why a protocol that moves no rig cannot be run, `estimate_s(protocol)` how long it
+computes; `tell_values(events, truths)` tells the
 quantities of a virtual run. `TEMPLATE` has the words of the page, `make_page(run, protocol, result)` what is drawn;
 `make_films(run, content)` shows a needle's way, `make_view(run, result)` and `follow(run)` draw in the viewer, and
 `summarise(result)` says the result in a few lines.

@@ -39,6 +39,8 @@ from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
 
 DESIGN_FILE = "design.json"
+# On two processors of 2020.
+_SECONDS_A_HINGE = 0.6
 
 
 def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Findings:
@@ -54,6 +56,11 @@ def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Fi
     settings = {"grid_points": protocol.grid_points, "seed": protocol.seed}
     content = DesignResult(**stamp.list_members(settings), **dict(study))
     return Findings(content, partial(save_design_file, study, stamp.provenance))
+
+
+def estimate_s(protocol: DesignProtocol) -> float:
+    """Return about how long the search takes [s]."""
+    return _SECONDS_A_HINGE * protocol.grid_points**2
 
 
 def find_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:

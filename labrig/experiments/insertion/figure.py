@@ -38,7 +38,7 @@ def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], na
         draws.remove(_draw_clearance)
     rows = len(draws) + bool(trial.marker_steps)
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 1.8 * rows), layout="constrained")
+        figure = Figure(figsize=(9.6, 2.1 * rows), layout="constrained")
         curves = figure.subplots(rows, 1, sharex=True)
         for axes, draw in zip(curves, draws, strict=False):
             draw(axes, steps)
@@ -49,7 +49,11 @@ def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], na
             for plan in plans:
                 axes.axvline(plan.depth_mm, color="#c9cdd2", linewidth=0.8, zorder=0)
             if axes.get_legend_handles_labels()[0]:
-                axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)
+                axes.legend(
+                    loc="upper right",
+                    bbox_to_anchor=(1.0, -0.02 if axes is not curves[-1] else -0.3),
+                    ncols=3,
+                )
         curves[-1].set_xlabel("inserted (mm); grey lines: a path was sought")
         return svg(figure, name)
 
@@ -77,7 +81,7 @@ def _find_length(steps: pd.DataFrame, name: str, less: str | None = None) -> Any
 
 def _draw_error(axes: Axes, steps: pd.DataFrame) -> None:
     true = _find_length(steps, "estimate", "true")
-    axes.set_title("Tip: error of the estimate" if true.notna().any() else "Tip: innovation")
+    axes.set_title("Tip: how far the estimate is off" if true.notna().any() else "Tip: innovation")
     _plot(axes, _find_length(steps, "innovation"), _SEEN, ".", label="innovation")
     _plot(axes, true, _TRUE, label="estimate from truth")
     _plot_lost(axes, steps, _LOST, "tip not seen")
@@ -86,7 +90,7 @@ def _draw_error(axes: Axes, steps: pd.DataFrame) -> None:
 
 
 def _draw_clearance(axes: Axes, steps: pd.DataFrame) -> None:
-    axes.set_title("Clearance: needle's surface to the nearest obstacle's")
+    axes.set_title("Clearance from the nearest obstacle")
     _plot(axes, steps["clearance_mm"], mark(2).colour, label="at the tip")
     axes.axhline(0.0, color=_LOST, linewidth=1.0, label="touching")
     axes.set_ylabel("mm")
@@ -95,10 +99,13 @@ def _draw_clearance(axes: Axes, steps: pd.DataFrame) -> None:
 def _draw_nis(axes: Axes, steps: pd.DataFrame, mean_nis: float | None) -> None:
     axes.set_title("NIS: normalised innovation squared")
     _plot(axes, pd.to_numeric(steps["nis"]).clip(lower=1e-4), _SEEN, ".")
-    axes.axhline(_NIS_95, color=DESIGN, linewidth=1.0, linestyle=_DASHED, label="95 % lie below")
+    axes.axhline(
+        _NIS_95, color=DESIGN, linewidth=1.0, linestyle=_DASHED, label=f"95 % lie below {_NIS_95:.1f}"
+    )
     if mean_nis is not None:
         axes.axhline(mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {mean_nis:.2g}; 2 expected")
     axes.set_yscale("log")
+    axes.set_ylim(top=4 * _NIS_95)
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
 

@@ -37,6 +37,8 @@ class Panel:
     title: str
     occasion: str
     picture: Plate
+    target: str = ""
+    """The part of the picture about the target, as an SVG view box."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,10 @@ def _draw_insertion(
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
             *scene.draw_line("true", trial.true_path_mm),
         )
-        told = f"{trial.length_mm or 0.0:.1f} mm, {seconds:.0f} s", f"stopped, {trial.cause}"
+        told = (
+            f"{trial.length_mm or 0.0:.1f} mm, {seconds:.0f} s",
+            "stopped, at the target" if trial.reached else f"stopped, {trial.cause}",
+        )
         panels += _draw_panel(run, trial.final_frame, strokes, plane, told)
     return ShownInsertion(trial, tuple(panels), figure)
 
@@ -120,4 +125,14 @@ def _draw_panel(
         lines = [(stroke.name, polyline(stroke.px)) for stroke in strokes]
         words = [(told[0], (0.02 * plate.width, 0.04 * plate.width))]
         bar = scale_bar((plate.width, plate.height), plane)
-        yield Panel(*told, replace(plate, lines=lines, words=words, bar=bar))
+        at_target = [np.asarray(stroke.px) for stroke in strokes if stroke.name == "target"]
+        yield Panel(*told, replace(plate, lines=lines, words=words, bar=bar), _frame(at_target))
+
+
+def _frame(outlines: Sequence[Any]) -> str:
+    """Return the view box about the largest of these outlines, twice as wide; empty without one."""
+    if not outlines:
+        return ""
+    low, high = min(((px.min(axis=0), px.max(axis=0)) for px in outlines), key=lambda ends: ends[0][0])
+    (left, top), half = (low + high) / 2, float(max(high - low))
+    return f"{left - 1.4 * half:.1f} {top - half:.1f} {2.8 * half:.1f} {2 * half:.1f}"

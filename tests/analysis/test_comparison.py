@@ -127,7 +127,7 @@ def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path):
     assert compared.welch_anova is None
     assert [(pair.a, pair.p is None) for pair in compared.pairs] == [("N1, 13 % gelatin", False)]
     told = " ".join(compared.warnings)
-    assert "N1, 10 % gelatin has n = 1: it is listed, but not tested." in told
+    assert "Listed, but not tested, for less than two values: N1, 10 % gelatin." in told
     assert "All values are the same in N1, 19 % gelatin" in told
 
 

@@ -13,9 +13,9 @@ _VERDICTS = {
 _MOST_QUANTITIES, _WIDEST = 3, 100
 
 
-def print_agreement(found: Any, place: str, names: tuple[str, str]) -> None:
-    """Print the verdict, the first difference with both values under these names, and the largest differences."""
-    print_line(f"{found.verdict}: {_VERDICTS[found.verdict]}")
+def print_agreement(found: Any, place: str, names: tuple[str, str], headline: str = "") -> None:
+    """Print verdict or headline, the first difference with both values under these names, and the largest ones."""
+    print_line(headline or f"{found.verdict}: {_VERDICTS[found.verdict]}")
     first = found.first
     if first is not None:
         print_line(f"  first {place}: {first.path}")

@@ -161,7 +161,7 @@ STOPPED = SyntheticSweep(exit_status="aborted", without_final=frozenset({3}))
     [
         (
             abort_sweep(SyntheticSweep()), "aborted",
-            r"The run was aborted: the operator said no\. 3 of 4 planned insertions ended\. .* left in its gel.* resume",
+            r"The run was aborted: the operator said no\. 3 of 4 planned insertions ended\. .* in its gel.* resume",
         ),
         (SyntheticSweep(exit_status="failed"), "failed", r"The run failed: the operator said no\."),
         (

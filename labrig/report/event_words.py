@@ -106,7 +106,7 @@ def _list_fields(fields: Mapping[str, Any]) -> str:
             (words, unit), value = split_quantity(name), recorded
             if unit == "rad":
                 value, unit = math.degrees(float(value)), "degrees"
-            value = float(f"{value:.3g}") if isinstance(value, float) else value
+            value = float(f"{value:.4g}") if isinstance(value, float) else value
             shown = format_value(
                 value + 1 if name in _COUNTED_FROM_ZERO and isinstance(value, int) else value
             )

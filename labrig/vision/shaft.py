@@ -157,6 +157,7 @@ def locate_shaft(
     sheath_diameter_mm: float | None,
     *,
     mask: Mask | None = None,
+    needle_inside: bool = False,
 ) -> Shaft:
     """Find the shaft in a picture.
 
@@ -170,6 +171,9 @@ def locate_shaft(
         Up to four times the needle's; None if the picture shows no sheath.
     mask : ndarray of bool (H, W), optional
         Pixels that are not the needle.
+    needle_inside : bool, optional
+        Whether the shaft is a sheath that still holds its needle: what lies ahead of its blunt end, such as a bubble,
+        is not judged here but by the end of each stripe along it.
 
     Raises
     ------
@@ -193,6 +197,8 @@ def locate_shaft(
     hole_mm = LARGEST_HOLE_MM + trace.hidden_mm
     guide = _refine_guide(scene, trace, widths, hole_mm)
     shaft, last, tip = _measure(scene, guide, widths, hole_mm)
+    if needle_inside:
+        return shaft
     share, most = measure_beyond(bars, tip, last)
     if share > most:
         u, v = shaft.tip_px

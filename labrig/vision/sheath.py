@@ -29,7 +29,7 @@ _BEHIND_MM, _BEYOND_MM, _STEEL_MM = 6.0, 2.0, 2.0
 # The gel's grey value is measured beside the sheath, between these distances from its edges.
 _GEL_FROM_MM, _GEL_TO_MM = 0.75, 2.0
 # Least contrast of a stripe as a share of the median (a stripe in a glint has none), and fewest stripes.
-_CONTRAST, _LEAST_STRIPES = 0.5, 7
+_CONTRAST, _LEAST_STRIPES = 0.5, 5
 # A bubble in front of the end can only lengthen a stripe. So those stripes count that end within this distance of an
 # early quantile.
 _EARLY, _ALIKE_MM = 0.25, 0.15
@@ -88,7 +88,7 @@ def measure_sheath(image: Picture, plane: PlaneMap, diameter_mm: float) -> Sheat
         If the picture has another size than the plane was calibrated for.
     """
     require_size(image, plane.image_size, "the plane map")
-    shaft = locate_shaft(image, plane, diameter_mm, None)
+    shaft = locate_shaft(image, plane, diameter_mm, None, needle_inside=True)
     seen_mm = float(shaft.arc_mm[-1] - shaft.arc_mm[0])
     if seen_mm < _LEAST_MM:
         raise MeasurementRefusedError(
@@ -145,12 +145,12 @@ def _find_end_mm(grey: Picture, plane: PlaneMap, axis: _Axis, dark_to_mm: float,
     ends = (rise[:-1] < 0.0) & (rise[1:] >= 0.0)
     ends[:long] = False
     column = np.flatnonzero(ends.any(axis=0) & (contrast >= _CONTRAST * usual))
-    if len(column) < _LEAST_STRIPES:
-        raise MeasurementRefusedError(
-            f"the sheath's end is seen in {len(column)} of {_STRIPES} stripes along it, {_LEAST_STRIPES} are the least"
-        )
     row = ends.argmax(axis=0)[column]
     below, above = rise[row, column], rise[row + 1, column]
     found = along_mm[row] + below / (below - above) * step_mm
-    early = np.quantile(found, _EARLY)
-    return float(np.median(found[np.abs(found - early) <= _ALIKE_MM]))
+    alike = found[np.abs(found - np.quantile(found, _EARLY)) <= _ALIKE_MM] if len(found) else found
+    if len(alike) < _LEAST_STRIPES:
+        raise MeasurementRefusedError(
+            f"the sheath's end is seen in {len(alike)} of {_STRIPES} stripes along it, {_LEAST_STRIPES} are the least"
+        )
+    return float(np.median(alike))

@@ -30,17 +30,19 @@ def write_measured_run(
     result: bool = True,
     bad: Mapping[int, str] | None = None,
     with_file: Sequence[str] = (),
+    protocol: str = "",
 ) -> Path:
     """Write a run with these radii in each (specimen, gelatin %), None for a refused one, and return its folder.
 
     Each trial has a picture on the way, whose radius of 99 mm must not count, and a final one. `with_file` names the
-    specimens that have a file.
+    specimens that have a file; `protocol` is added to the run's.
     """
     calibration = {"intrinsics.json": b'{"fx": 1.0}', "plane.json": plane}
     manifest = {"experiment": "import", "started": STARTED, "title": name, "trials_planned": 3, "seed": 7}
     blocks = ", ".join(f'{{block: {{name: "{specimen}"}}}}' for specimen in with_file)
-    protocol = f"{PROTOCOL_YAML}specimens: [{blocks}]\n" if with_file else PROTOCOL_YAML
-    recorder = Recorder.create(runs_dir, name, manifest, opening_files(protocol, None, calibration))
+    protocol += f"specimens: [{blocks}]\n" if with_file else ""
+    files = opening_files(PROTOCOL_YAML + protocol, None, calibration)
+    recorder = Recorder.create(runs_dir, name, manifest, files)
     rows: list[list[object]] = []
     for (specimen, gelatin), values in radii_mm.items():
         for hole, radius_mm in enumerate(values):

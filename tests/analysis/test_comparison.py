@@ -90,6 +90,15 @@ def test_results_of_different_settings_are_told(tmp_path):
     assert "Result 1 of b has settings changed after the run: analysis.window_start_mm=6" in told
 
 
+def test_what_the_protocols_say_otherwise_is_named(tmp_path):
+    """A key with its values and runs; what names a run or its groups is expected to differ."""
+    a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})
+    other = "analysis: {window_start_mm: 6.0}\nnotes: other\n"
+    b = write_measured_run(tmp_path, "b", {HARD: (28.1, 28.3)}, protocol=other)
+    told = [line for line in _compare(a, b).comparison.warnings if "protocols" in line]
+    assert told == ["The protocols of the runs differ in analysis.window_start_mm (6.0 in b)."]
+
+
 def test_groups_can_be_made_by_any_field(tmp_path):
     """By a column, an alias, a key of the protocol or the run; the default falls back on runs that are all alike."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})

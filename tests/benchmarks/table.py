@@ -71,10 +71,11 @@ def _children_s() -> float:
 
 def _sample_memory(command: "subprocess.Popen[str]") -> int:
     """Return the largest proportional set size of a process and its children, which counts shared pages once."""
-    root, largest = psutil.Process(command.pid), 0
-    while command.poll() is None:
+    root, largest, ended = psutil.Process(command.pid), 0, False
+    while not ended:
         with suppress(psutil.NoSuchProcess, psutil.AccessDenied):  # one ended meanwhile
             family = (root, *root.children(recursive=True))
             largest = max(largest, sum(process.memory_full_info().pss for process in family))
-        time.sleep(0.05)
+        with suppress(subprocess.TimeoutExpired):
+            ended = command.wait(0.05) is not None
     return largest

@@ -1,6 +1,7 @@
 """Figures and films: what is drawn where, the same bytes each time, nothing global left behind."""
 
 import json
+import re
 from pathlib import Path
 
 import matplotlib as mpl
@@ -40,6 +41,17 @@ def test_a_figure_is_an_element_of_its_own() -> None:
     assert 'id="' not in figure.replace('id="one-', "")
     assert 'href="#' not in figure.replace('href="#one-', "")
     assert dict(mpl.rcParams) == before
+
+
+def test_a_telephone_sees_the_panels_below_each_other() -> None:
+    """The second element is narrow and tall, and the figure itself is left as it was."""
+    drawn = draw_steerability_figure(_series(), DESIGN, "one")
+    sizes = [[float(size) for size in box.split()[2:]] for box in re.findall(r'viewBox="([^"]*)"', drawn)]
+    (wide, high), (narrow, tall) = sizes
+    assert re.findall(r'class="(wide|slim)"', drawn) == ["wide", "slim"]
+    assert narrow < 0.5 * wide
+    assert tall > 1.2 * high
+    assert drawn.figure.axes[0].get_position().x1 < drawn.figure.axes[1].get_position().x0
 
 
 def list_points(line: Line2D) -> NDArray[np.float64]:

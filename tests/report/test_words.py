@@ -54,6 +54,7 @@ TOLD = "operator: refused “shift to hole (specimen A1, hole 3, position 16 mm)
         ("operator", {"request": "ShiftToHole", "confirmed": False, "answer": "", "details": REFUSED}, TOLD, "WARN"),
         ("skip", {"t_s": 1.0, "trial": 3}, "Trial 4 was skipped.", "WARN"),
         ("odd_one", {"t_s": 1.0, "depth_mm": 1.25, "done": True}, "odd one: depth 1.25 mm, done yes", "INFO"),
+        ("odd_one", {"heading_rad": -0.0012632}, "odd one: heading −0.07238 degrees", "INFO"),
         ("move", {"axis": "linear", "note": "odd line"}, "move: axis linear, note odd line", "DEBUG"),
         ("flip", {"by": 2}, "bevel turns 2", "INFO"),
     ],

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from labrig.devices.rig_file import load_rig
-from labrig.errors import InputError
+from labrig.errors import InputError, MeasurementRefusedError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.simulation.description import DesignDescription, NeedleDescription, WorldDescription
 from labrig.simulation.gel import Ball, GelBlock, draw_needle_scale, interpolate_radius_mm, make_hole
 from labrig.simulation.world import World
+from labrig.vision.plane import PlaneMap
+from labrig.vision.sheath import measure_sheath
 from tests.simulation.benches import (
     QUIET,
     SMALL_LENS,
@@ -324,3 +326,19 @@ def test_the_worlds_of_the_rig_files_are_not_what_the_protocol_assumes(name: str
     assert mean_mm != pytest.approx(protocol.planner.radius_mm, abs=0.1)
     assert world.needle.backlash_mm != pytest.approx(protocol.policy.backlash_mm, rel=0.1)
     assert world.needle.hinge_closing_mm != pytest.approx(protocol.policy.closing_mm, rel=0.1)
+
+
+@pytest.mark.parametrize(("seed", "hole"), [(10, 0), (48, 1)])
+def test_a_bubble_before_the_sheath_refuses_no_run(seed: int, hole: int) -> None:
+    """In these worlds one touches the end: the tip is found all the same, and not of a sheath that the needle left."""
+    world = World(load_rig(ROOT / "calibration" / "rig-simulated.yaml").world, seed)
+    world.mount_needle("N1")
+    world.place_specimen("A", 10.0 + seed % 10)
+    world.shift_to_hole("A", hole, 8.0 + 8.0 * hole)
+    world.advance(0.0, 0.0, 15.0)
+    plane = PlaneMap.from_scale(9.49, (150.0, 310.0), "right", (1280, 720))
+    found = measure_sheath(world.picture(), plane, 2.0)
+    assert found.tip_mm == pytest.approx(world.sheath_point_mm()[1:], abs=0.2)
+    world.advance(3.0, 0.0, 15.0)
+    with pytest.raises(MeasurementRefusedError, match="0 of 21 stripes"):
+        measure_sheath(world.picture(), plane, 2.0)

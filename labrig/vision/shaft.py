@@ -197,10 +197,8 @@ def locate_shaft(
     hole_mm = LARGEST_HOLE_MM + trace.hidden_mm
     guide = _refine_guide(scene, trace, widths, hole_mm)
     shaft, last, tip = _measure(scene, guide, widths, hole_mm)
-    if needle_inside:
-        return shaft
     share, most = measure_beyond(bars, tip, last)
-    if share > most:
+    if share > most and not needle_inside:
         u, v = shaft.tip_px
         raise MeasurementRefusedError(
             f"the shaft is lost at ({u:.0f}, {v:.0f}) px, after {shaft.length_mm:.0f} mm, but goes on: what lies "

@@ -74,8 +74,8 @@ class Follower:
         """Leave the view open in a browser until Ctrl+C."""
         if self._process.poll() is not None:
             return
-        say("live view: it stays open until Ctrl+C")
         with suppress(Interruption):
+            say("live view: it stays open until Ctrl+C")
             self._process.wait()
         self.close()
 

@@ -34,6 +34,7 @@ REHEARSED = {
     "rig.axes.linear.max_speed": 40,
     "rig.axes.linear.acceleration": 200,
     "sheath.speed_mm_s": 30,
+    **{f"rig.{key}": value for key, value in (line.split("=", 1) for line in CALIBRATED_SMALL_CAMERA)},
 }
 """A small camera with the calibration of the kept records, and quick axes. The drives wait longer than by
 default for a labrig on a machine that is busy with something else."""
@@ -105,11 +106,12 @@ def _converse(keyboard: int, answer: Callable[[str], str], press: Callable[[str]
 
 
 FAST = {
-    "target.position_mm": "[0, 2, 20]", "insertion.max_length_mm": 30, "policy.near_mm": 0, "policy.final_mm": 0,
+    "target.position_mm": "[0, 2, 20]", "obstacles": "[]", "roll_zero.rolls": 4, "out_of_plane.lag_sd_deg": 1,
+    "insertion.max_length_mm": 30, "policy.near_mm": 0, "policy.final_mm": 0,
     "insertion.speed_mm_s": 10, "insertion.withdraw_speed_mm_s": 30, "insertion.frame_every_mm": 4,
     "roll_zero.length_mm": 10, "rig.axes.rotation.max_speed": 12.5, "rig.axes.rotation.acceleration": 80,
 }  # fmt: skip
-"""Less time for what the tests do not look at."""
+"""What the chapter on commissioning sets for a first insertion, and less time for what the tests do not look at."""
 
 
 @pytest.fixture(name="rig")
@@ -121,7 +123,6 @@ def _rig(tmp_path: Path) -> Path:
     return rig
 
 
-@pytest.mark.skip(reason="a picture of the shortened insertion is refused: see where its sheath is lost")
 @pytest.mark.slow
 def test_a_steered_insertion_is_rehearsed_to_its_report(labrig: Labrig, rig: Path, tmp_path: Path) -> None:
     """Every question is asked, and the needle reaches the target by the pictures, in real time."""
@@ -134,7 +135,7 @@ def test_a_steered_insertion_is_rehearsed_to_its_report(labrig: Labrig, rig: Pat
 
     started_s = time.monotonic()
     done = run_at_terminal(
-        "run", *protocol, *settings, "--seed", 3, "--runs-dir", tmp_path, "--run-name", "r", answer=answer
+        "run", *protocol, *settings, "--runs-dir", tmp_path, "--run-name", "r", answer=answer
     )
     took_s = time.monotonic() - started_s
     assert done.exit_code == 0, done.shown
@@ -163,10 +164,7 @@ HOLES = {
     "insertion.speed_mm_s": 5, "insertion.withdraw_speed_mm_s": 5, "analysis.window_start_mm": 0.5,
     "analysis.window_end_mm": 0.5, "analysis.min_window_mm": 2,
 }  # fmt: skip
-SMALL = {f"rig.{key}": value for key, value in (line.split("=", 1) for line in CALIBRATED_SMALL_CAMERA)}
-SETTINGS = [
-    word for key, value in (REHEARSED | SMALL | HOLES).items() for word in ("--set", f"{key}={value}")
-]
+SETTINGS = [word for key, value in (REHEARSED | HOLES).items() for word in ("--set", f"{key}={value}")]
 COMMAND = ("run", SWEEP, "--rig", RIG, *SETTINGS, "--run-name", "r", "--runs-dir")
 KEYS = {
     "Shift specimen gel 13 % to hole 2": ["r", "u", "t bubbles at the wall", "s"],

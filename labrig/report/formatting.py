@@ -43,12 +43,6 @@ def count_decimals(
     return min(max(1 - math.floor(math.log10(least or 1.0)), 0), most)
 
 
-def join_words(words: Iterable[str]) -> str:
-    """Return words as a list in a sentence: `a, b and c`."""
-    listed = list(words)
-    return " and ".join([", ".join(listed[:-1]), listed[-1]]) if len(listed) > 1 else "".join(listed)
-
-
 _QUANTITIES = {
     "true_target_error": "true error at the target",
     "target_error": "error at the target",

@@ -35,7 +35,7 @@ from labrig.report.formatting import (
     number,
     signed,
 )
-from labrig.report.pictures import PLATE, Plate, photograph
+from labrig.report.pictures import PLATE, photograph
 from labrig.text import format_count
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.plane import PlaneMap
@@ -129,17 +129,14 @@ def write_report(
         "ended": sum(trial.exit_status not in {INCOMPLETE, INTERRUPTED} for trial in trials),
         "done": sum(trial.exit_status == "success" and not trial.left_out for trial in trials),
         "decisions": list_decisions(run),
-        "last_picture": None if result or not run.frame_lines else _draw_last_picture(run),
+        "last_picture": None
+        if result or not run.frame_lines
+        else photograph(run, run.frame_lines[-1].frame, PLATE),
         "lens": None if page.plane is None else load_lens(run),
         **page.shown,
     }
     write_page(run.path / REPORT_FILE, page.template, shown)
     return run.path / REPORT_FILE
-
-
-def _draw_last_picture(run: Run) -> Plate | None:
-    """Return the last recorded picture, for a page without a result; None if it cannot be read."""
-    return photograph(run, run.frame_lines[-1].frame, PLATE)
 
 
 def write_page(

@@ -225,11 +225,18 @@ def test_imported_pictures_have_a_page_of_their_own(tmp_path: Path) -> None:
     ("views", "told"),
     [
         (0, ("no picture of the board was recorded",)),
-        (6, ("refractive index is 1.35 throughout.", "intrinsics.json, plane.json, result.json")),
+        (
+            10,
+            (
+                r"refractive index is 1\.35 throughout\.",
+                r"intrinsics\.json, plane\.json, result\.json",
+                r"fx \(px\) (1799|180[01])\.\d{3} 0\.\d{3}",
+            ),
+        ),
     ],
 )
 def test_a_calibration_has_a_page_accepted_or_not(tmp_path: Path, views: int, told: tuple[str, ...]) -> None:
     """Lens, residuals, coverage and plane are shown; a calibration without pictures says what is missing."""
     made = make_page(record_calibration(tmp_path, views, gel="{index: 1.35, depth_mm: 10}"))
     words = _words(made.html)
-    assert ([text for text in told if text not in words], _Elements(made.html).open) == ([], [])
+    assert ([text for text in told if not re.search(text, words)], _Elements(made.html).open) == ([], [])

@@ -17,11 +17,13 @@ _TOLD_EVERY_S = 0.005
 _MAX_STEP_US = round(MAX_STEP_S * 1e6)
 
 
-def _read_clock_s() -> float:
-    """Return the computer's monotonic time [s]; on Linux it goes on while the computer is suspended, as drives do."""
-    if sys.platform.startswith("linux"):
+if sys.platform.startswith("linux"):
+
+    def _read_clock_s() -> float:
+        """Return the computer's monotonic time [s], which goes on while the computer is suspended, as drives do."""
         return time.clock_gettime(time.CLOCK_BOOTTIME)
-    return time.monotonic()
+else:
+    _read_clock_s = time.monotonic
 
 
 class SystemClock:

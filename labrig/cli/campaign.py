@@ -61,12 +61,12 @@ def _print(campaign: Any) -> None:
     for arm in result.arms:
         share = None if arm.share_ci95 is None else [100 * limit for limit in arm.share_ci95]
         percent = number(None if arm.share is None else 100 * arm.share, 1)
-        reached = (arm.within_tolerance, percent, interval(share, 1))
         mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.sd), number(arm.median))
-        rows.append((arm.name, arm.tasks, arm.failed, *reached, *mean))
+        tasks = f"{arm.tasks}, {arm.failed} failed" if arm.failed else arm.tasks
+        rows.append((arm.name, tasks, percent, interval(share, 1), *mean))
     within = "" if result.tolerance is None else f", within {tell_value(result.tolerance, result.measure)}"
     print_line(f"{result.campaign}: {label_quantity(result.measure)}{within}")
-    heads = ("arm", "tasks", "failed", "within", "share %", "95 %", "mean", "95 %", "SD", "median")
+    heads = ("arm", "tasks", "within %", "95 %", "mean", "95 % of the mean", "SD", "median")
     print_table(heads, rows)
     for failure in result.failures[:3]:
         count = format_count(failure.tasks, "task")

@@ -79,22 +79,24 @@ def _write(compared: Any, out: Path | None) -> Path:
 
 
 _MOST_SHOWN = 20
-_GROUP_HEADS = ("insertions", "specimens", "mean", "SD", "95 % interval", "with shared errors")
+_GROUP_HEADS = ("group", "n", "mean", "SD", "95 % interval", "with shared errors")
 _PAIR_HEADS = ("a", "b", "a - b", "95 % interval", "p (Games-Howell)")
 
 
 def _print(document: Mapping[str, Any]) -> None:
-    test, counted = document["welch_anova"], f"{document['unit_of_analysis']}s"
-    print_line(document["quantity"])
+    from labrig.report.formatting import label_quantity
+
+    test = document["welch_anova"]
+    print_line(f"{label_quantity(document['quantity'])}; n counts {document['unit_of_analysis']}s")
     groups = [
         [
-            *(group[key] for key in ("name", "n", "insertions", "specimens", "mean", "sd")),
+            *(group[key] for key in ("name", "n", "mean", "sd")),
             interval(group["ci95"], 3),
             interval(group["ci95_with_shared"], 3),
         ]
         for group in document["groups"]
     ]
-    print_table(("group", f"n ({counted})", *_GROUP_HEADS), groups)
+    print_table(_GROUP_HEADS, groups)
     if test is not None:
         freedom = f"{test['df_between']:g}, {test['df_within']:.2f}"
         print_line(f"Welch's ANOVA  F({freedom}) = {test['f']:.3f}, p = {test['p']:.4g}")

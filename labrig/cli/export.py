@@ -23,9 +23,9 @@ def export(
         Option(
             "--format",
             help="csv, parquet: a file for each table; matlab: run.mat, which data/read_run.m reads; record: the "
-            "record itself; film: each insertion as MP4. Repeatable.",
+            "record itself; film: each insertion as MP4. Repeatable. Default: csv.",
         ),
-    ],
+    ] = (Format.csv,),  # type: ignore[assignment]
     out: Annotated[
         Path | None, Option(metavar="DIR", help="Folder to write to. Default: data/exports/RUN.")
     ] = None,

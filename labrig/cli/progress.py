@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 from typing import IO, Any, TypeAlias, cast
 
 from labrig.cli.output import SafeStandardError, escape_controls, say
@@ -12,8 +13,36 @@ from labrig.text import duration
 Reporter: TypeAlias = Callable[[float, str], None]
 """Takes how much of the total is done, in its unit, and what is being done."""
 
-_shown: list[Any] = []
-"""The rich bar on the terminal, if one is shown."""
+_TELLING_SHARE, _UNKNOWN = 0.02, "-:--:--"
+
+_shown: list[tuple[Any, "_Pace"]] = []
+"""The rich bar on the terminal and its pace, if one is shown."""
+
+
+class _Pace:
+    """Tells the time left by how fast all of the work went so far; time in which a person was asked does not count."""
+
+    def __init__(self, total: float) -> None:
+        self._total = max(total, 1e-9)
+        self._clock = SystemClock()
+        self._held_s = 0.0
+
+    def now_s(self) -> float:
+        """Return the time since the beginning [s]."""
+        return self._clock.now_s()
+
+    def leave_out(self, held_s: float) -> None:
+        """Leave out a time in which nothing was done."""
+        self._held_s += held_s
+
+    def find_share(self, done: float) -> float:
+        """Return how much of the whole is done."""
+        return min(done / self._total, 1.0)
+
+    def find_left_s(self, done: float) -> float | None:
+        """Return the time left [s]; None while too little is done to tell."""
+        share = self.find_share(done)
+        return (self.now_s() - self._held_s) * (1 - share) / share if share >= _TELLING_SHARE else None
 
 
 @contextmanager
@@ -22,15 +51,14 @@ def progress(title: str, total: float) -> Iterator[Reporter]:
     if not sys.stderr.isatty():
         yield _PlainLines(title, total)
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Column
 
     columns = (
         TextColumn("{task.percentage:>3.0f} %"),
         BarColumn(12),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        TextColumn("left {task.fields[left]}"),
         TextColumn(
             "{task.description}",
             markup=False,
@@ -38,12 +66,18 @@ def progress(title: str, total: float) -> Iterator[Reporter]:
         ),
     )
     with Progress(*columns, console=_make_console(), expand=True) as bar:
-        task = bar.add_task(escape_controls(title), total=total)
-        _shown.append(bar)
+        task, pace = bar.add_task(escape_controls(title), total=total, left=_UNKNOWN), _Pace(total)
+        _shown.append((bar, pace))
+
+        def report(done: float, doing: str) -> None:
+            left_s = pace.find_left_s(done)
+            left = _UNKNOWN if left_s is None else str(timedelta(seconds=round(left_s)))
+            bar.update(task, completed=done, description=escape_controls(doing), left=left)
+
         try:
-            yield lambda done, doing: bar.update(task, completed=done, description=escape_controls(doing))
+            yield report
         finally:
-            _shown.remove(bar)
+            _shown.pop()
 
 
 @contextmanager
@@ -59,14 +93,16 @@ def show_working(title: str) -> Iterator[None]:
 @contextmanager
 def hold_bar() -> Iterator[None]:
     """Take the bar off the terminal during the block, so that it stands beside no question and no answer."""
-    for bar in _shown:
+    asked = SystemClock()
+    for bar, _ in _shown:
         bar.live.transient = True  # leaves nothing
         bar.stop()
         bar.live.transient = False
     try:
         yield
     finally:
-        for bar in _shown:
+        for bar, pace in _shown:
+            pace.leave_out(asked.now_s())
             bar.start()
 
 
@@ -84,16 +120,14 @@ class _PlainLines:
 
     def __init__(self, title: str, total: float) -> None:
         self._title = title
-        self._total = max(total, 1e-9)
-        self._clock = SystemClock()
+        self._pace = _Pace(total)
         self._tenths = 0
         self._printed_s = 0.0
 
     def __call__(self, done: float, doing: str) -> None:
-        fraction = min(done / self._total, 1.0)
-        elapsed_s = self._clock.now_s()
-        if int(10 * fraction) <= self._tenths or elapsed_s < self._printed_s + _LEAST_PAUSE_S:
+        share, elapsed_s = self._pace.find_share(done), self._pace.now_s()
+        if int(10 * share) <= self._tenths or elapsed_s < self._printed_s + _LEAST_PAUSE_S:
             return
-        self._tenths, self._printed_s = int(10 * fraction), elapsed_s
-        times = f"{duration(elapsed_s)} elapsed, about {duration(elapsed_s * (1 - fraction) / fraction)} left"
-        say(f"{self._title}: {100 * fraction:3.0f} %, {times} ({doing})")
+        self._tenths, self._printed_s = int(10 * share), elapsed_s
+        times = f"{duration(elapsed_s)} elapsed, about {duration(self._pace.find_left_s(done) or 0.0)} left"
+        say(f"{self._title}: {100 * share:3.0f} %, {times} ({doing})")

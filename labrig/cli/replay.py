@@ -42,6 +42,10 @@ def replay(run_path: RunArgument) -> int:
         print_line(f"  to the end {beyond} values differ by more than is allowed")
     for sentence in explained_by:
         print_line(f"  {sentence}")
+    if explained_by and found.verdict == "different":
+        print_line(
+            f"  if that change was wanted, this shows its results beside the old: labrig reanalyze {run_path}"
+        )
     if found.ended_early:
         print_line(f"  {found.ended_early}; it is compared up to there")
     same = ", ".join(f"{count} {what}" for what, count in found.counts.items())

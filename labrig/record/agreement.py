@@ -57,6 +57,8 @@ class Deviation:
         Both values.
     size, tolerance : float or None
         The difference of two numbers, and what is allowed; None of anything else, which is a decision.
+    sd : float or None
+        The standard deviation that is stated beside the number.
     """
 
     path: str
@@ -64,6 +66,7 @@ class Deviation:
     now: object
     size: float | None = None
     tolerance: float | None = None
+    sd: float | None = None
 
     @property
     def quantity(self) -> str:
@@ -86,6 +89,8 @@ class Agreement:
         The largest difference of each quantity that differs at all.
     shares : dict of str to float
         The same as a share of its tolerance.
+    in_sd : dict of str to float
+        The same in standard deviations, where one is stated beside it.
     first : Deviation or None
         The first decision, or number beyond its tolerance.
     beyond : int
@@ -94,6 +99,7 @@ class Agreement:
 
     largest: dict[str, float] = field(default_factory=dict)
     shares: dict[str, float] = field(default_factory=dict)
+    in_sd: dict[str, float] = field(default_factory=dict)
     first: Deviation | None = None
     beyond: int = 0
 
@@ -120,6 +126,8 @@ class Agreement:
             self.largest[name] = max(self.largest.get(name, 0.0), size)
             share = size / deviation.tolerance if deviation.tolerance else math.inf
             self.shares[name] = max(self.shares.get(name, 0.0), share)
+            if deviation.sd is not None:
+                self.in_sd[name] = max(self.in_sd.get(name, 0.0), size / deviation.sd)
         if not deviation.is_within:
             self.first = self.first or deviation
             self.beyond += 1
@@ -151,8 +159,11 @@ def find_deviations(
         for number, (before, after) in enumerate(zip_longest(recorded, now)):
             yield from find_deviations(f"{name}.{number}", before, after, owner, max(scale, largest))
     elif isinstance(recorded, float) and isinstance(now, float):
-        tolerance = _find_tolerance(name, recorded, owner, scale)
-        yield Deviation(name, recorded, now, abs(now - recorded), tolerance)
+        key = next((key for key in reversed(name.split(".")) if not key.isdigit()), "")
+        sd = _find_sd(key, owner)
+        allowed = TOLERANCES.get(key.rpartition("_")[2], _RELATIVE * max(abs(recorded), scale))
+        tolerance = allowed if sd is None else SHARE_OF_SD * sd
+        yield Deviation(name, recorded, now, abs(now - recorded), tolerance, sd)
     elif isinstance(recorded, str) and isinstance(now, str):
         yield from _compare_texts(name, recorded, now)
     else:
@@ -172,13 +183,12 @@ def _compare_texts(name: str, recorded: str, now: str) -> Iterator[Deviation]:
             yield Deviation(name, recorded, now)
 
 
-def _find_tolerance(name: str, value: float, owner: Mapping[str, object], scale: float) -> float:
-    """Return a share of the standard deviation that stands beside a quantity; without one what its unit allows."""
-    key = next((key for key in reversed(name.split(".")) if not key.isdigit()), "")
+def _find_sd(key: str, owner: Mapping[str, object]) -> float | None:
+    """Return the standard deviation that stands beside a quantity; None if none does."""
     stem, _, unit = key.rpartition("_")
     sigma = owner.get("sigma")
     within = sigma.get(key) if isinstance(sigma, Mapping) else None
     for sd in (owner.get(f"sigma_{key}"), owner.get(f"{stem}_sd_{unit}"), within):
         if isinstance(sd, float) and 0 < sd < math.inf:
-            return SHARE_OF_SD * sd
-    return TOLERANCES.get(unit, _RELATIVE * max(abs(value), scale))
+            return sd
+    return None

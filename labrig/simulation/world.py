@@ -233,7 +233,7 @@ class World:
         InputError
             If another specimen is before the sheath, or the position is outside the gel.
         """
-        self._refuse_if_stuck(f"the gel is shifted to hole {hole}")
+        self._refuse_if_stuck(f"the gel is shifted to hole {hole + 1}")
         if self._specimen is None or self._specimen.name != specimen:
             placed = "nothing" if self._specimen is None else self._specimen.name
             message = f"specimen {specimen} is not on the bench; {placed} is"

@@ -107,7 +107,7 @@ def test_groups_can_be_made_by_any_field(tmp_path):
     names = {
         by: [g.name for g in _compare(a, b, by=(by,)).comparison.groups] for by in ("needle", "hole", "title")
     }
-    assert names == {"needle": ["N1", "N2"], "hole": ["hole 0", "hole 1"], "title": ["title a", "title b"]}
+    assert names == {"needle": ["N1", "N2"], "hole": ["hole 1", "hole 2"], "title": ["title a", "title b"]}
     alike = _compare(a, c).comparison
     assert (alike.by, [group.name for group in alike.groups]) == (("run",), ["a", "c"])
 

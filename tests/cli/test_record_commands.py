@@ -148,7 +148,7 @@ def test_an_export_is_a_folder_of_its_own_and_no_run(
 ) -> None:
     """Without --out it is data/exports/RUN; a list shows copies of records, and neither tables nor unfinished ones."""
     monkeypatch.chdir(shelf.parent)
-    document = labrig("export", shelf / "one", "--format", "csv", "--json").json()
+    document = labrig("export", shelf / "one", "--json").json()
     assert document["out"] == "data/exports/one"
     assert {path.name for path in Path(document["out"]).iterdir()} == {*document["files"]}
     for form, out in (("csv", "shelf/tables"), ("record", "shelf/copy")):
@@ -196,7 +196,7 @@ def test_a_difference_exits_with_1_and_both_values(labrig: Labrig, tmp_path: Pat
     assert (done.exit_code, document["verdict"], document["identical"]) == (1, "different", False)
     assert document["first_difference"] | {"t_s": None, "frame": None} == {
         "path": "move.insertion_mm", "recorded": 23.0, "now": 22.0, "size": 1.0, "tolerance": 0.0025,
-        "t_s": None, "frame": None, "trial": 0, "went_on": True,
+        "sd": None, "t_s": None, "frame": None, "trial": 0, "went_on": True,
     }  # fmt: skip
     done = labrig("replay", run)
     assert (done.exit_code, "in the record: 23.0" in done.out) == (1, True)

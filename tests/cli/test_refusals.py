@@ -106,7 +106,6 @@ ROWS: list[tuple[str, int, str]] = [
     (f"run {ROOT}/protocols/design.yaml --set rig.world.noise_sd=0", 2, "moves no rig"),
     *((f"check {ROOT}/protocols/design.yaml --set {inside}", 0, "") for inside in INSIDE),
     # runs
-    ("export run --out x", 2, "--format"),
     ("export run --format record --format csv --out x", 2, "record"),
     ("export run --format x", 2, "x"),
     ("export run --format film --out x", 2, "film"),

@@ -68,3 +68,7 @@ def test_the_largest_difference_of_each_quantity_is_kept() -> None:
     assert found.largest == {"document.tips_mm.*": pytest.approx(0.7)}
     assert found.beyond == 2
     assert (found.first.recorded, found.first.now) == (2.0, 2.5)
+    beside = {"sigma_radius_mm": 0.5}
+    assert judge({"radius_mm": 28.0, **beside}, {"radius_mm": 29.0, **beside}).in_sd == {
+        "document.radius_mm": 2.0
+    }

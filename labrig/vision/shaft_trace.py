@@ -57,7 +57,7 @@ _STEP_MM = 1.0
 _LOOK_SAMPLES = 10
 _TURNS_RAD = np.linspace(-0.24, 0.24, 13)
 _CURVATURES_PER_MM = np.array([-0.08, -0.04, 0.0, 0.04, 0.08])
-_TURN_PENALTY = 0.08
+_TURN_PENALTY_PER_RAD2 = 1.39
 # Below this share of the shaft's usual response a stretch is weak; a weak stretch of this length ends the trace.
 _WEAK = 0.3
 _GAP_MM = 2.0
@@ -395,7 +395,7 @@ def _follow(bars: BarMap, seed: complex, heading: float) -> tuple[NDArray[np.com
     """Follow the shaft from `seed` until it ends or leaves the picture; return places (N,) and responses (N,)."""
     lengths = np.linspace(0.0, _LOOK_MM * bars.px_per_mm, _LOOK_SAMPLES + 1)[1:]
     arcs, turns, curvatures = _make_arcs(_TURNS_RAD, _CURVATURES_PER_MM / bars.px_per_mm, lengths)
-    penalty = _TURN_PENALTY * (turns / _TURNS_RAD[-1]) ** 2
+    penalty = _TURN_PENALTY_PER_RAD2 * turns**2
     step = _STEP_MM * bars.px_per_mm
     h, w = bars.any_direction.shape
     place, places = seed, [seed]

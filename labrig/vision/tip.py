@@ -209,19 +209,16 @@ def _halve(picture: Picture) -> Picture:
 def _turn_template(template: TipTemplate, turn_rad: float, times_smaller: int) -> tuple[Picture, Point]:
     """Return a template without glints, turned and reduced, and its tip's pixel; the rim repeats itself outwards."""
     picture = template.plain
-    height, width = picture.shape
-    c, s = abs(math.cos(turn_rad)), abs(math.sin(turn_rad))
-    # A square keeps its size; a quarter turn exchanges the sides of an oblong.
-    sides = np.array([width * c + height * s, width * s + height * c]) / ((c + s) * times_smaller)
-    columns, rows = (int(n) for n in np.maximum(1, np.rint(sides)))
+    # A square of the mean side holds the most of an oblong at any turn.
+    side = round(sum(picture.shape) / (2 * times_smaller))
     turn = Placement((0.0, 0.0), turn_rad).rotation() / times_smaller
-    middle = np.array([columns - 1, rows - 1]) / 2 - turn @ (np.array([width - 1, height - 1]) / 2)
+    middle = 0.5 * (side - 1) - turn @ (0.5 * np.array(picture.shape[::-1]) - 0.5)
     if times_smaller > 1:
         picture = np.asarray(cv2.blur(picture, (times_smaller, times_smaller)), np.uint8)
     turned = cv2.warpAffine(
         picture,
         np.column_stack((turn, middle)),
-        (columns, rows),
+        (side, side),
         flags=cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )

@@ -63,7 +63,7 @@ def measure(needle, before_mm, inserted_mm=None, way_mm=None):
     photo, camera = Photo(noise=2.0), replace(flat_camera(PX_PER_MM, SIZE_PX), origin_px=ORIGIN_PX)
     picture = Gel(needle, camera, photo, 175.0, tracks_mm=(), bubbles=0).draw()
     end = measure_shaft_tip(picture, PLANE, 1.2, 2.0)
-    at_mm = np.linspace(0.0, needle.length_mm, 40)
+    at_mm = np.linspace(0.0, needle.length_mm, 14)
     first, second = np.minimum.outer(at_mm, at_mm), np.maximum.outer(at_mm, at_mm)
     covariance = before_mm**2 * first**2 * (3 * second - first) / (2 * needle.length_mm**3)
     inserted_mm = inserted_mm or needle.length_mm

@@ -383,6 +383,12 @@ def test_stated_uncertainty_is_the_observed_one():
         others, _ = fit.leave_out(blocks[fit.kept])
         stated.append(np.linalg.norm([length(other) - lengths[-1] for other in others]))
     assert 0.7 < np.std(lengths, ddof=1) / np.mean(stated) < 1.4
+    quarters = blocks[fit.kept] // 12
+    kept = [quarters != number for number in range(4)]
+    without = [cv2.findHomography(fit.ideal[rest], fit.places_mm[rest])[0] for rest in kept]
+    both = (fit.leave_out(quarters)[0], without)
+    stated, moved = (np.sum((np.array(others) - fit.homography) ** 2, axis=0) for others in both)
+    assert stated == pytest.approx(0.75 * moved, rel=1e-6)
 
 
 DISTANCE_MM = 120.0

@@ -34,10 +34,11 @@ def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
 
 
 @pytest.mark.processors
-def test_a_bubble_at_the_end_moves_nothing() -> None:
-    """A dark bubble of 0.8 mm in front of two thirds of the end moves the tip by less than 0.1 mm."""
+@pytest.mark.parametrize("aside_mm", [0.55, -0.85])
+def test_a_bubble_at_the_end_moves_nothing(aside_mm: float) -> None:
+    """A dark bubble of 0.8 mm in front of two thirds of the end, or of half of it on the other side: below 0.1 mm."""
     image = sheath().take(1, bubbles=0)
-    u, v = PLANE.to_px(np.array([[0.55, 0.5]]))[0]
+    u, v = PLANE.to_px(np.array([[aside_mm, 0.5]]))[0]
     cv2.circle(image, (round(u), round(v)), round(0.8 / PLANE.mm_per_px), 60, -1, cv2.LINE_AA)
     assert measure_sheath(image, PLANE, 2.0).tip_mm == pytest.approx((0.0, 0.0), abs=0.1)
 

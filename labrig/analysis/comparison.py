@@ -6,7 +6,7 @@ differences.
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
@@ -27,14 +27,17 @@ from labrig.analysis.statistics import (
 from labrig.errors import InputError
 from labrig.protocol.model import Model
 from labrig.record.json_lines import flatten
+from labrig.record.layout import RIG
 from labrig.text import format_count
 
 DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
 MOST_GROUPS_IN_PAIRS = 12
 """A pair takes a third of a second where there are many groups, and a page of 66 pairs is as much as anybody reads."""
+PROTOCOLS_DIFFER = "The protocols of the runs differ in"
 _MOST_HINTED = 15
 _MOST_KEYS = 5
-_NAMING = frozenset({"title", "notes", "operator", "seed", "specimen", "specimens", "needle_id"})
+_TALK = frozenset({"title", "notes", "operator"})
+_NAMING = _TALK | {"seed", "specimen", "specimens", "needle_id"}
 _INTERVALS = ("ci95_low", "ci95_high", "sigma_")
 _UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "deg", "s": "s", "percent": "%"}
 
@@ -164,7 +167,7 @@ def compare_runs(
         unit_of_analysis=unit,
         groups=groups,
         welch_anova=compare_means(list(samples.values())),
-        pairs=_test_pairs(samples, shared),
+        pairs=tuple(_test_pairs(samples, shared)),
         not_in_interval=tuple(dict.fromkeys(source for run in used for source in run.not_in_interval)),
         warnings=(
             *unit_notes,
@@ -172,6 +175,7 @@ def compare_runs(
             *_note_shared_blocks(counted),
             *_note_settings(used),
             *_note_protocols(used, fields),
+            *_note_repeats(used),
             *(sentence for run in used for sentence in _note_run(run.about)),
             *_note_groups(groups, {run.about.simulated for run in used}),
         ),
@@ -240,15 +244,12 @@ def _find_shared(rows: pd.DataFrame, unit: Unit, quantity: str, runs: Sequence[M
     mounting = rows["run"] + "/" + rows.get("needle_id", rows["run"]).astype(str)
     origins = {"lens": lens, "plane": plane, "surface": plane, "roll": mounting, "lighting": rows["run"]}
     of_group = rows.groupby("group")
+    parts = of_group["value"].transform("size")
     if unit == "specimen":
-        parts = rows.groupby(["group", "block"])["value"].transform("size") * of_group["block"].transform(
-            "nunique"
-        )
-    else:
-        parts = of_group["value"].transform("size")
-    unknown = pd.Series(math.nan, rows.index)
+        blocks = of_group["block"].transform("nunique")
+        parts = rows.groupby(["group", "block"])["value"].transform("size") * blocks
     sums = {
-        source: (rows.get(f"sigma_{stem}_{source}_mm", unknown) / parts)
+        source: (rows.get(f"sigma_{stem}_{source}_mm", math.nan) / parts)
         .groupby([origin, rows["group"]])
         .agg(lambda sigmas: sigmas.sum(skipna=False))
         .unstack(fill_value=0)
@@ -261,9 +262,7 @@ def _total(errors: "pd.Series[float] | None") -> SharedErrors | None:
     """Return the shared errors of a mean, or of a difference, from those of each origin; None if no source is known."""
     if errors is None:
         return None
-    by_source = (errors**2).groupby("source", sort=False).agg(
-        lambda squares: squares.sum(skipna=False)
-    ) ** 0.5
+    by_source = (errors**2).groupby("source", sort=False).agg(lambda part: part.sum(skipna=False)) ** 0.5
     known = by_source.dropna()
     if known.empty:
         return None
@@ -297,18 +296,15 @@ def _summarise(
     )
 
 
-def _test_pairs(samples: Mapping[str, Sequence[float]], shared: pd.DataFrame) -> tuple[Pair, ...]:
-    """Return the test of each pair of groups; none of more groups than anybody reads."""
+def _test_pairs(samples: Mapping[str, Sequence[float]], shared: pd.DataFrame) -> Iterator[Pair]:
+    """Yield the test of each pair of groups; none of more groups than anybody reads."""
     if len(samples) > MOST_GROUPS_IN_PAIRS:
-        return ()
-    names, pairs = list(samples), []
+        return
+    names = list(samples)
     for (i, j), test in compare_pairs(list(samples.values())).items():
         errors = _total(shared[names[i]] - shared[names[j]])
         wide = _widen(test.ci95, errors)
-        pairs.append(
-            Pair(a=names[i], b=names[j], **test._asdict(), shared_sigma=errors, ci95_with_shared=wide)
-        )
-    return tuple(pairs)
+        yield Pair(a=names[i], b=names[j], **test._asdict(), shared_sigma=errors, ci95_with_shared=wide)
 
 
 def _note_shared_blocks(counted: pd.DataFrame) -> Iterable[str]:
@@ -323,33 +319,44 @@ def _note_shared_blocks(counted: pd.DataFrame) -> Iterable[str]:
 
 def _note_settings(runs: Sequence[Measured]) -> Iterable[str]:
     """Yield each setting that is not the same in all results: for each of its values, the runs."""
-    for key in dict.fromkeys(key for run in runs for key in run.settings):
-        found: defaultdict[str, list[str]] = defaultdict(list)
-        for run in runs:
-            value = run.settings.get(key)
-            found["not stated" if value is None else str(value)].append(run.name)
-        if len(found) > 1:
-            told = "; ".join(f"{value} in {_list_some(names)}" for value, names in found.items())
-            yield f"The results were measured with different settings: {key} is {told}."
+    keys = {key: None for run in runs for key in run.settings}
+    for key, told in _find_differing({run.name: (keys | dict(run.settings)).items() for run in runs}):
+        yield f"The results were measured with different settings: {key} is {told}."
 
 
 def _note_protocols(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]:
     """Yield what the protocols say otherwise, by name; what names a run or its groups is expected to differ."""
-    values: defaultdict[str, dict[str, list[str]]] = defaultdict(dict)
-    for run in runs:
-        found = defaultdict[str, list[str]](list)
-        for key, value in flatten(run.run.protocol, skip=_NAMING):
-            found[key].append(str(value))
-        for key, parts in found.items():
-            values[key].setdefault(", ".join(parts), []).append(run.name)
-    told = [
-        f"{key} ({'; '.join(f'{value} in {_list_some(names)}' for value, names in found.items())})"
-        for key, found in values.items()
-        if key not in by and (len(found) > 1 or sum(map(len, found.values())) < len(runs))
-    ]
+    values = _find_differing({run.name: flatten(run.run.protocol, skip=_NAMING) for run in runs})
+    told = [f"{key} ({found})" for key, found in values if key not in by]
     if told:
         more = f", and in {len(told) - _MOST_KEYS} more keys" if len(told) > _MOST_KEYS else ""
-        yield f"The protocols of the runs differ in {', '.join(told[:_MOST_KEYS])}{more}."
+        yield f"{PROTOCOLS_DIFFER} {', '.join(told[:_MOST_KEYS])}{more}."
+
+
+def _find_differing(values: Mapping[str, Iterable[tuple[str, object]]]) -> Iterator[tuple[str, str]]:
+    """Yield each key whose values are not the same in all runs, by whose names they come: each value, and where."""
+    found: dict[str, dict[str, list[str]]] = {}
+    for name, pairs in values.items():
+        own = defaultdict[str, list[str]](list)
+        for key, value in pairs:
+            own[key].append("not stated" if value is None else str(value))
+        for key, parts in own.items():
+            found.setdefault(key, {}).setdefault(", ".join(parts), []).append(name)
+    for key, runs in found.items():
+        if len(runs) > 1 or sum(map(len, runs.values())) < len(values):
+            yield key, "; ".join(f"{value} in {_list_some(names)}" for value, names in runs.items())
+
+
+def _note_repeats(runs: Sequence[Measured]) -> Iterable[str]:
+    """Yield the simulated runs that repeat one another: equal draws are no second measurement."""
+    alike = defaultdict[str, list[str]](list)
+    for run in runs:
+        if run.about.simulated:
+            record, protocol = run.run, flatten(run.run.protocol, skip=_TALK)
+            alike[f"{record.manifest.get('seed')} {record.hashes.get(RIG)} {protocol}"].append(run.name)
+    for names in alike.values():
+        if len(names) > 1:
+            yield f"{_list_some(names)} are one simulation (protocol, rig, seed): one result, {len(names)} times."
 
 
 def _note_run(run: UsedRun) -> Iterable[str]:

@@ -84,6 +84,7 @@ _PAIR_HEADS = ("a", "b", "a - b", "95 % interval", "p (Games-Howell)")
 
 
 def _print(document: Mapping[str, Any]) -> None:
+    from labrig.analysis.comparison import PROTOCOLS_DIFFER
     from labrig.report.formatting import label_quantity
 
     test = document["welch_anova"]
@@ -116,5 +117,6 @@ def _print(document: Mapping[str, Any]) -> None:
     if len(differing) > _MOST_SHOWN:
         print_line(f"... and in {len(differing) - _MOST_SHOWN} more values: --json lists all")
     for sentence in document["warnings"]:
-        say(f"note: {sentence}")
+        if not (differing and sentence.startswith(PROTOCOLS_DIFFER)):  # the table says it in full
+            say(f"note: {sentence}")
     print_line(f"report  {document['report']}")

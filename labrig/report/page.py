@@ -3,6 +3,7 @@
 What stands on every page is in `templates/base.html.jinja`: the head, what was done, and what the numbers rest on.
 """
 
+import re
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from typing import Any
 
 import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from labrig import __version__
 from labrig.analysis.pictures import load_lens
@@ -42,6 +44,9 @@ from labrig.vision.plane import PlaneMap
 
 REPORT_FILE = "report.html"
 TEMPLATES = Path(__file__).parent / "templates"
+_LOOSE_UNIT = re.compile(
+    r"(<code>.*?</code>)|(?<=\d) (?=(?:mm|µm|px|degrees?|rad|ms|min|s)\b|%)|(?<=±) (?=[\d−])", re.DOTALL
+)
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -172,6 +177,18 @@ def _take_medians(budgets: Iterable[ErrorBudget | None]) -> ErrorBudget | None:
     return None if known.empty else ErrorBudget.model_validate(known.median().dropna().to_dict())
 
 
+def _bind_units(page: Markup) -> Markup:
+    """Return a page in which no line ends between a number and its unit; what is to be copied is left as it is."""
+    # Safe: what enters a page was escaped, and a space is all that is changed.
+    return Markup(_LOOSE_UNIT.sub(lambda found: found[1] or "\u00a0", page))  # noqa: S704
+
+
+def _select_said(words: Iterable[tuple[str, str]], page: Markup) -> list[tuple[str, str]]:
+    """Return the words, with their meanings, that stand in the text of a page."""
+    text = page.striptags()
+    return [each for each in words if re.search(rf"\b{re.escape(each[0])}s?\b", text, re.IGNORECASE)]
+
+
 _FILTERS = {
     "number": number,
     "signed": signed,
@@ -184,6 +201,8 @@ _FILTERS = {
     "time": format_time,
     "told": format_value,
     "medians": _take_medians,
+    "bind_units": _bind_units,
+    "said_in": _select_said,
 }
 
 

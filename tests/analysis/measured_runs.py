@@ -31,6 +31,7 @@ def write_measured_run(
     bad: Mapping[int, str] | None = None,
     with_file: Sequence[str] = (),
     protocol: str = "",
+    rig: str = "bench",
 ) -> Path:
     """Write a run with these radii in each (specimen, gelatin %), None for a refused one, and return its folder.
 
@@ -38,7 +39,14 @@ def write_measured_run(
     specimens that have a file; `protocol` is added to the run's.
     """
     calibration = {"intrinsics.json": b'{"fx": 1.0}', "plane.json": plane}
-    manifest = {"experiment": "import", "started": STARTED, "title": name, "trials_planned": 3, "seed": 7}
+    manifest = {
+        "experiment": "import",
+        "started": STARTED,
+        "title": name,
+        "trials_planned": 3,
+        "seed": 7,
+        "rig": {"kind": rig},
+    }
     blocks = ", ".join(f'{{block: {{name: "{specimen}"}}}}' for specimen in with_file)
     protocol += f"specimens: [{blocks}]\n" if with_file else ""
     files = opening_files(PROTOCOL_YAML + protocol, None, calibration)

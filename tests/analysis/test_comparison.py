@@ -99,6 +99,22 @@ def test_what_the_protocols_say_otherwise_is_named(tmp_path):
     assert told == ["The protocols of the runs differ in analysis.window_start_mm (6.0 in b)."]
 
 
+def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):
+    """Runs of a simulated rig that differ in their notes alone repeat one another; on a bench none does."""
+    for rig, told in (
+        ("simulated", ["a, b are one simulation (protocol, rig, seed): one result, 2 times."]),
+        ("bench", []),
+    ):
+        runs = [
+            write_measured_run(tmp_path / rig, *of, rig=rig)
+            for of in (("a", {SOFT: (28.0, 28.4)}), ("b", {HARD: (28.0, 28.4)}))
+        ]
+        runs.append(
+            write_measured_run(tmp_path / rig, "c", {HARD: (27.0,)}, rig=rig, protocol="insertion_count: 2\n")
+        )
+        assert [line for line in _compare(*runs).comparison.warnings if "one simulation" in line] == told
+
+
 def test_groups_can_be_made_by_any_field(tmp_path):
     """By a column, an alias, a key of the protocol or the run; the default falls back on runs that are all alike."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})

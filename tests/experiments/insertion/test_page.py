@@ -34,7 +34,7 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
         assert plate.count('class="obstacle"') == 1
         assert plate.count('class="target"') == 3
         assert 'class="bar"' in plate
-        assert re.search(r"\d+\.\d mm, \d+ s</text>", plate)
+        assert re.search(r"\d+\.\d\u00a0mm, \d+\u00a0s</text>", plate)
     assert all('class="plan"' in plate for plate in plates[:-1])
     assert 'class="former"' in plates[-2]
     assert 'class="taken"' in plates[-1]
@@ -45,9 +45,10 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
     "pattern",
     [
         "origins.csv", "planned from where the sheath was found", "how far the estimate is off", "Clearance", "NIS",
-        "1 of 1 insertion reached the target", "Measured by the shaft", r"\(standard deviation 0\.\d\d.{1,6}mm\)",
-        "true error", "truth", "Heading",
-        r"it ended at most <b>\d\.\d\d.{1,6}mm</b> from the target", "<h3>In space</h3>", ">Roll zero<",
+        r"Reached: by the shaft in the final picture the .{15} is <b>0\.\d\d\u00a0mm</b> from the target in the plane",
+        r"\(standard deviation 0\.\d\d\u00a0mm\), and at most <b>\d\.\d\d\u00a0mm</b> in space; 2\u00a0mm are allowed",
+        "true error", "truth", "Heading", r"is off, which no innovation shows: \d\.\d\d\u00a0mm at the target",
+        "<dt>NIS</dt>", "<h3>In space</h3>", ">Roll zero<",
         ">Lag of the bevel<", ">Wandering<", ">Start<", ">In the plane<", "To &lt;b&gt;there&lt;/b&gt;",
         "as far as the protocol's standard deviations are true",
     ],

@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 from tests.benchmarks import (
     can_load,
-    circles,
     closed_loop,
     coverage,
     curvature,
@@ -23,7 +22,6 @@ from tests.benchmarks import (
     real_insertions,
     reanalyze,
     recording,
-    ruled_paper,
     start_up,
     sweep,
     tip,
@@ -34,10 +32,10 @@ GROUPS: dict[str, dict[str, Callable[[], None]]] = {
     "accuracy": {
         "intrinsics": intrinsics.print_table,
         "graph-paper": graph_paper.print_table,
-        "ruled-paper": ruled_paper.print_table,
+        "ruled-paper": graph_paper.print_photographs,
         "curvature": curvature.print_table,
         "coverage": coverage.print_table,
-        "circles": circles.print_table,
+        "circles": curvature.print_circles,
         "tip": tip.print_table,
         "real-insertions": real_insertions.print_table,
     },

@@ -1,44 +1,36 @@
 """Drawn sheets of graph paper with known truth: how many plane maps are right, refused, or accepted and wrong.
 
-The sheets come from `tests.vision.renderer`, which shares nothing with the program: the six rulings that shops
-sell, four inks, 3 to 20 px/mm, tilt and roll to 25 degrees, blur, noise, light from one side, half of them on a bench
-that shows beside them. The camera's lens is given as calibrated, exactly, the scale to 15 %.
+`ruled-paper` prints three hand-held photographs. The drawn sheets come from `tests.vision.renderer`, which shares
+nothing with the program: the six rulings that shops sell, four inks, 3 to 20 px/mm, tilt and roll to 25 degrees, blur,
+noise, light from one side, half of them on a bench that shows beside them. The camera's lens is given as calibrated,
+exactly, the scale to 15 %.
 """
 
-import statistics
 import time
-from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 
 from labrig.errors import CalibrationRefusedError
 from labrig.vision.calibrate_plane import calibrate_plane
+from labrig.vision.picture import read_picture
 from tests.benchmarks.table import print_rows, read_count
-from tests.vision.renderer import INKS, PAPERS, Camera, Photo, Picture, Sheet
+from tests.vision.renderer import INKS, PAPERS, Camera, Photo, Sheet
 
 SHEETS = read_count("SHEETS", 300)
 FIRST_SEED = 700_000
-Bands = tuple[tuple[float, float], ...]
 BANDS = ((3.0, 4.0), (4.0, 6.0), (6.0, 20.0))
 SHOP_RULINGS = ("1", "1/5", "1/10", "1/5/10", "2", "5")
 SCALE_ERROR = 0.15
 # An accepted map is wrong if a length in any direction is off by more than this.
 LARGEST_ERROR = 0.002
 RIGHT, REFUSED, WRONG = "right", "refused", "wrong"
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came of a sheet: verdict, largest relative error of a length, time, and the first reason of a refusal."""
-
-    sheet: Sheet
-    band: int
-    verdict: str
-    error: float | None
-    time_s: float
-    reason: str
+PHOTOGRAPHS = Path(__file__).parents[3] / "shared" / "data" / "ruled_paper"
+FLAT = {"ecg00026.jpg": "flat", "ecg00031.jpg": "not flat", "ecg00040.jpg": "flat"}
+PHOTOGRAPH_PX_PER_MM = 4.4  # five millimetres are about 22 pixels in all three
 
 
 def draw_shop_sheet(seed: int, band: tuple[float, float], ruling: str, on_bench: bool) -> Sheet:
@@ -87,67 +79,70 @@ def choose_sheet(number: int) -> tuple[int, Sheet]:
     return band, draw_shop_sheet(FIRST_SEED + number, BANDS[band], ruling, on_bench)
 
 
-def measure_sheet(band: int, sheet: Sheet, picture: Picture) -> Outcome:
-    """Calibrate the plane from a sheet's picture, and compare lengths with the truth."""
-    lens, pitch_mm = sheet.camera.intrinsics, sheet.pitch_mm
-    error = np.random.default_rng((sheet.photo.seed, 7)).uniform(-SCALE_ERROR, SCALE_ERROR)
-    px_per_mm = float(sheet.camera.px_per_mm * (1.0 + error))
-    started = time.process_time()
+def measure_sheet(number: int) -> dict[str, float | str | None]:
+    """Calibrate the plane from the picture of a sheet, compare lengths with the truth, and return a row of the table.
+
+    Bands, rulings and benches take turns. `error` is the largest relative error of a length.
+    """
+    band, ruling = number % len(BANDS), SHOP_RULINGS[(number // len(BANDS)) % len(SHOP_RULINGS)]
+    on_bench = (number // (len(BANDS) * len(SHOP_RULINGS))) % 2 == 0
+    sheet = draw_shop_sheet(FIRST_SEED + number, BANDS[band], ruling, on_bench)
+    lens, pitch_mm, picture = sheet.camera.intrinsics, sheet.pitch_mm, sheet.draw()
+    off = np.random.default_rng((sheet.photo.seed, 7)).uniform(-SCALE_ERROR, SCALE_ERROR)
+    px_per_mm = float(sheet.camera.px_per_mm * (1.0 + off))
+    error, reason, started = None, "", time.process_time()
     try:
         plane = calibrate_plane(picture, lens, pitch_mm, (640.0, 360.0), "right", px_per_mm=px_per_mm)
     except CalibrationRefusedError as refusal:
-        return Outcome(sheet, band, REFUSED, None, time.process_time() - started, refusal.message)
-    time_s = time.process_time() - started
-    error = sheet.length_error(plane)
-    if not plane.accepted:
-        return Outcome(sheet, band, REFUSED, error, time_s, plane.reasons[0])
-    return Outcome(sheet, band, RIGHT if error <= LARGEST_ERROR else WRONG, error, time_s, "")
+        verdict, reason, time_s = REFUSED, refusal.message, time.process_time() - started
+    else:
+        time_s, error = time.process_time() - started, sheet.length_error(plane)
+        verdict = RIGHT if error <= LARGEST_ERROR else WRONG
+        if not plane.accepted:
+            verdict, reason = REFUSED, plane.reasons[0]
+    scale = "{:g}-{:g} px/mm".format(*BANDS[band])
+    reason = "".join(letter for letter in reason if not letter.isdigit())[:90]
+    return {
+        "scale": scale,
+        "ruling": f"{ruling} mm",
+        "verdict": verdict,
+        "error": error,
+        "s": time_s,
+        "reason": reason,
+    }
 
 
 def print_table() -> None:
     """Print right, refused and wrong by scale and by ruling, the processor's time, and why sheets were refused."""
     cv2.setNumThreads(1)
-    outcomes = []
-    for number in range(SHEETS):
-        band, sheet = choose_sheet(number)
-        outcomes.append(measure_sheet(band, sheet, sheet.draw()))
-    print_outcomes(outcomes, BANDS)
+    sheets = pd.DataFrame(map(measure_sheet, range(SHEETS)))
+    heads = ("sheets", RIGHT, REFUSED, WRONG, "accepted", "median error", "largest", "median s", "worst s")
+    groups = [group for by in ("scale", "ruling") for group in sheets.groupby(by, sort=False)]
+    print_rows(("", *heads), [[name, *_summarise(group)] for name, group in (*groups, ("all", sheets))])
+    refused = sheets[sheets["verdict"] == REFUSED]
+    for (scale, reason), count in refused.groupby("scale", sort=False)["reason"].value_counts().items():
+        print(f"{scale}, {count} refused: {reason}")
     print(f"seeds from {FIRST_SEED}; wrong: a length off by more than {LARGEST_ERROR:.1%}\n")
 
 
-def print_outcomes(outcomes: list[Outcome], bands: Bands) -> None:
-    """Print the tables of a list of outcomes."""
-    heads = ("sheets", RIGHT, REFUSED, WRONG, "accepted", "median error", "largest", "median s", "worst s")
-    rows = [
-        [f"{low:g}-{high:g} px/mm", *_summarise([found for found in outcomes if found.band == band])]
-        for band, (low, high) in enumerate(bands)
-    ]
-    rows += [
-        [f"{ruling} mm", *_summarise([found for found in outcomes if found.sheet.ruling == ruling])]
-        for ruling in SHOP_RULINGS
-    ]
-    print_rows(("", *heads), [*rows, ["all", *_summarise(outcomes)]])
-    for band, (low, high) in enumerate(bands):
-        reasons = Counter(
-            "".join(letter for letter in found.reason if not letter.isdigit())[:90]
-            for found in outcomes
-            if found.band == band and found.verdict == REFUSED
+def _summarise(sheets: pd.DataFrame) -> list[object]:
+    counts = sheets["verdict"].value_counts().reindex((RIGHT, REFUSED, WRONG), fill_value=0)
+    errors, times = sheets["error"][sheets["verdict"] != REFUSED].astype(float), sheets["s"]
+    figures = (f"{errors.median():.5%}", f"{errors.max():.4%}", f"{times.median():.2f}", f"{times.max():.2f}")
+    return [len(sheets), *counts, f"{1.0 - counts[REFUSED] / len(sheets):.0%}", *figures]
+
+
+def print_photographs() -> None:
+    """Print per photographed sheet the points, the error of held-out points, and whether it is flat."""
+    if not PHOTOGRAPHS.is_dir():
+        print(f"skipped: {PHOTOGRAPHS} is not here")
+        return
+    rows = []
+    for name, wanted in FLAT.items():
+        picture = read_picture(PHOTOGRAPHS / name)
+        plane = calibrate_plane(picture, None, 1.0, (600.0, 250.0), "right", px_per_mm=PHOTOGRAPH_PX_PER_MM)
+        verdict = "not flat" if any("not flat" in reason for reason in plane.reasons) else "flat"
+        rows.append(
+            [name, plane.points, f"{plane.holdout_rms_mm:.3f}", f"{plane.flatness_mm:.2f}", verdict, wanted]
         )
-        for reason, count in reasons.most_common():
-            print(f"{low:g}-{high:g} px/mm, {count} refused: {reason}")
-
-
-def _summarise(outcomes: list[Outcome]) -> list[object]:
-    counts = Counter(found.verdict for found in outcomes)
-    errors = [found.error for found in outcomes if found.verdict != REFUSED and found.error is not None]
-    times = [found.time_s for found in outcomes]
-    accepted = sum(counts[verdict] for verdict in (RIGHT, WRONG))
-    return [
-        len(outcomes),
-        *(counts[verdict] for verdict in (RIGHT, REFUSED, WRONG)),
-        f"{accepted / len(outcomes):.0%}" if outcomes else "-",
-        f"{statistics.median(errors):.5%}" if errors else "-",
-        f"{max(errors):.4%}" if errors else "-",
-        f"{statistics.median(times):.2f}" if times else "-",
-        f"{max(times):.2f}" if times else "-",
-    ]
+    print_rows(("sheet", "points", "left out: plane", "unevenness mm", "verdict", "wanted"), rows)

@@ -41,10 +41,12 @@ def measure(
     memory: bool = False,
     environment: Mapping[str, str] | None = None,
     cwd: Path | None = None,
+    failures: Sequence[int] = (1,),
 ) -> FinishedCommand:
     """Run a command, and sample the proportional memory of it and its children twenty times a second if asked for.
 
-    An exit code above 1 (1 means that the answer is no) ends the benchmark with the standard error of the command.
+    An exit code other than 0 and `failures` (1 means that the answer is no) ends the benchmark with the command's
+    standard error.
     """
     words = [str(word) for word in command]
     before_s, began_s = _children_s(), time.perf_counter()
@@ -58,7 +60,7 @@ def measure(
         out, stderr = process.communicate()
         wall_s = time.perf_counter() - began_s
         peak_mb = peak.result() / 1e6 if peak else 0.0
-    if process.returncode not in {0, 1}:
+    if process.returncode not in {0, *failures}:
         raise RuntimeError(f"{' '.join(words)} ended with {process.returncode}:\n{stderr}")
     return FinishedCommand(wall_s, _children_s() - before_s, peak_mb, out)
 

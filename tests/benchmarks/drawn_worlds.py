@@ -35,7 +35,7 @@ from labrig.simulation.description import GelDescription, WorldDescription
 from labrig.simulation.gel import Ball
 from labrig.simulation.lens import see_points
 from labrig.simulation.world import Glance, World
-from labrig.steering.parameters import PAPER_POLICY
+from labrig.steering.parameters import PAPER_POLICY, Turning
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
 from labrig.steering.step import start_steering
@@ -248,7 +248,7 @@ def _make_insertion(drawn: DrawnWorld, policy: Policy, record: EventList) -> _Dr
     made.drawn = sight.drawn = drawn
     made.settings = settings = _make_settings(drawn.problem, policy)
     made.aim = Aim(settings.problem.target_mm, settings.problem.obstacles)
-    turning = "back_and_forth" if policy == "paper" else "compensated"
+    turning: Turning = "back_and_forth" if policy == "paper" else "compensated"
     made.bevel = Bevel(session, 0, roll_zero, turning, settings.problem.radius_mm)
     return made
 

@@ -120,8 +120,9 @@ def print_table() -> None:
     groups = [group for by in ("scale", "ruling") for group in sheets.groupby(by, sort=False)]
     print_rows(("", *heads), [[name, *_summarise(group)] for name, group in (*groups, ("all", sheets))])
     refused = sheets[sheets["verdict"] == REFUSED]
-    for (scale, reason), count in refused.groupby("scale", sort=False)["reason"].value_counts().items():
-        print(f"{scale}, {count} refused: {reason}")
+    for scale, own in refused.groupby("scale", sort=False):
+        for reason, count in own["reason"].value_counts().items():
+            print(f"{scale}, {count} refused: {reason}")
     print(f"seeds from {FIRST_SEED}; wrong: a length off by more than {LARGEST_ERROR:.1%}\n")
 
 

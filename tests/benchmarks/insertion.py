@@ -79,12 +79,12 @@ def print_agreement() -> None:
     """Print both means and quantiles, and the intervals of their differences."""
     rig = pd.DataFrame(map(_run, FRESH))
     with ProcessPoolExecutor() as executor:
-        world = pd.DataFrame(end.values for end in executor.map(insert, FRESH, chunksize=4))
+        world = pd.DataFrame(dict(end.values) for end in executor.map(insert, FRESH, chunksize=4))
     names = [*_FIGURES[:2], "reached"]
     both = [ends.reindex(columns=names).astype(float) for ends in (rig, world)]
     pairs = pd.concat([ends[names[0]] for ends in both], axis=1).dropna().to_numpy().T
     mean = ttest_1samp(pairs[1] - pairs[0], 0.0).confidence_interval(_CONFIDENCE)
-    rows = [
+    rows: list[list[object]] = [
         _compare("mean", pairs.mean(axis=1), (float(mean.low), float(mean.high))),
         _compare("90 % quantile", np.quantile(pairs, QUANTILE, axis=1), _bound_quantile(pairs)),
         ["mean as measured", *(f"{ends[names[1]].mean():.4f}" for ends in both), "-", "-", "-"],

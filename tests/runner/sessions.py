@@ -110,9 +110,21 @@ class RunBench:
 def begin_record(folder: Path, protocol: ExperimentProtocol, rig: Rig, **manifest: object) -> Recorder:
     """Begin the record of a run on a rig that is open."""
     manifest |= {"experiment": protocol.experiment, "started": rig.clock.utc(), "trials_planned": 1}
-    rig_file = rig.description
-    files = opening_files(dump_yaml(protocol), dump_yaml(rig_file), rig_file.calibration_files())
-    return Recorder.create(folder, "run", manifest, files)
+    return Recorder.create(folder, "run", manifest, files_of(protocol, rig.description))
+
+
+_written: dict[str, str] = {}
+
+
+def files_of(protocol: ExperimentProtocol, rig: RigDescription) -> dict[str, bytes]:
+    """Return what a record begins with; a file is written as YAML once: that took a quarter of the fault matrix."""
+    texts = []
+    for model in (protocol, rig):
+        values = repr(model.model_dump(mode="json"))
+        if values not in _written:
+            _written[values] = dump_yaml(model)
+        texts.append(_written[values])
+    return opening_files(*texts, rig.calibration_files())
 
 
 @contextmanager

@@ -21,10 +21,9 @@ from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.experiments.registry import find_run_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
-from labrig.record.writer import Recorder, opening_files, reopen_run
+from labrig.record.writer import Recorder, reopen_run
 from labrig.runner.conduct import conduct
 from labrig.runner.dry_run import plan_run
 from labrig.runner.past import read_past
@@ -32,6 +31,7 @@ from labrig.runner.session import Session
 from tests.cli.example_runs import SHORTENED
 from tests.devices.rigs import Person, simulated_rig
 from tests.record.runs import ENDED
+from tests.runner.sessions import files_of
 
 _PROTOCOLS = Path(__file__).parents[2] / "protocols"
 _TWICE = ("insertions_per_specimen=2", "insertion.length_mm=26", "insertion.frame_every_mm=26")
@@ -80,8 +80,7 @@ def _record(name: str, runs_dir: Path, most_lines: float = math.inf) -> None:
             "experiment": protocol.experiment, "started": opened.clock.utc(), "trials_planned": 2,
             "seed": protocol.seed, "devices": opened.describe(),
         }  # fmt: skip
-        files = opening_files(dump_yaml(protocol), dump_yaml(rig), rig.calibration_files())
-        recorder = _KilledRecorder.create(runs_dir, "run", manifest, files)
+        recorder = _KilledRecorder.create(runs_dir, "run", manifest, files_of(protocol, rig))
         recorder.left = most_lines
         session = Session(opened, recorder, lambda _done, _doing: None)
         conduct(find_experiment(protocol.experiment), protocol, session)
@@ -120,28 +119,39 @@ def _resume(path: Path, name: str) -> None:
         conduct(experiment, protocol, Session(opened, recorder, lambda _done, _doing: None), past)
 
 
-@pytest.mark.parametrize(
-    ("name", "shares"),
-    [("steerability", SHARES), ("insertion", SHARES[1::2]), ("roll-zero", SHARES[1:3]), ("calibration", SHARES[1:3])],
-)  # fmt: skip
-def test_a_killed_run_loses_nothing_is_repaired_and_goes_on(
-    name: str, shares: tuple[float, ...], tmp_path: Path
-) -> None:
-    """Every recorded line is there and unchanged; closed it is sound; a resumed sweep has the radii of a whole one."""
+KILLED = {
+    "steerability": SHARES,
+    "insertion": SHARES[1::2],
+    "roll-zero": SHARES[1:3],
+    "calibration": SHARES[1:3],
+}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with runs of each protocol, made in a process without threads, which can fork."""
+    folder = tmp_path_factory.mktemp("killed")
     code = (
-        f"from tests.runner.test_crash import *; record_killed({name!r}, Path({str(tmp_path)!r}), {shares})"
+        "from tests.runner.test_crash import *\n"
+        f"for name, shares in KILLED.items(): record_killed(name, Path({str(folder)!r}) / name, shares)"
     )
-    command = [sys.executable, "-c", code]
-    subprocess.run(command, check=True, cwd=_PROTOCOLS.parent)
-    whole = open_run(tmp_path / "whole" / "run")
-    killed = sorted(int(path.name) for path in tmp_path.iterdir() if path.name.isdigit())
-    assert len(killed) == len(shares)
-    for recorded in killed:
-        path = tmp_path / str(recorded) / "run"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=_PROTOCOLS.parent)
+    return folder
+
+
+@pytest.mark.parametrize("name", KILLED)
+def test_a_killed_run_loses_nothing_is_repaired_and_goes_on(name: str, recorded: Path) -> None:
+    """Every recorded line is there and unchanged; closed it is sound; a resumed sweep has the radii of a whole one."""
+    whole = open_run(recorded / name / "whole" / "run")
+    planned = _measure_radii(whole) if name == "steerability" else {}
+    killed = sorted(int(path.name) for path in (recorded / name).iterdir() if path.name.isdigit())
+    assert len(killed) == len(KILLED[name])
+    for count in killed:
+        path = recorded / name / str(count) / "run"
         run = open_run(path)
         lines = {stream: run.lines(stream) for stream in _STREAMS}
         assert (run.damage, check_run(path).damage) == ((), ())
-        assert sum(map(len, lines.values())) == recorded
+        assert sum(map(len, lines.values())) == count
         assert all(found == whole.lines(stream)[: len(found)] for stream, found in lines.items())
         repaired = Path(shutil.copytree(path, path.with_name("repaired")))
         reopen_run(repaired, "test").close("aborted", "killed", ENDED)
@@ -152,7 +162,7 @@ def test_a_killed_run_loses_nothing_is_repaired_and_goes_on(
             assert (check_run(path).damage, check_run(path).exit_status) == ((), "success")
             trials = open_run(path).trials
             finished = trials["trial"][trials["exit_status"] == "success"].tolist()
-            radii, planned = _measure_radii(open_run(path)), _measure_radii(whole)
+            radii = _measure_radii(open_run(path))
             # An insertion that was cut is made anew in another hole, as a further trial.
             assert len(finished) == len(planned)
             assert {trial: radii[trial] for trial in finished if trial in planned}.items() <= planned.items()

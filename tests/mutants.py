@@ -12,14 +12,18 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
 from difflib import unified_diff
+from functools import cache
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import use_mutation
 from cosmic_ray.plugins import get_operator
 from cosmic_ray.testing import run_tests
+from coverage import CoverageData
 
 ROOT = Path(__file__).parents[1]
 LEAST_CAUGHT = 0.85
@@ -55,12 +59,11 @@ def main() -> int:
                 place for file in sorted(Path("labrig", room).rglob("*.py")) for place in _find_places(file)
             ]
             count = (asked.sample + number) // len(asked.rooms)
-            tests, limit_s = _time_tests(room)
+            times_s, limit_s = _time_tests(room)
             for file, name, occurrence in sorted(random.Random(asked.seed).sample(places, count)):
-                imported = f"{room}.{file.stem} import"
-                first = sorted(tests, key=lambda test: imported not in Path(test).read_text(encoding="utf-8"))
+                tests = _find_tests(file, name, occurrence, times_s)
                 with use_mutation(file, OPERATORS[name], occurrence) as codes:
-                    end = _try_tests(first, limit_s)
+                    end = _try_tests(tests, limit_s)
                 ends[end] += 1
                 before, after = (code.split("\n") for code in codes)
                 change = list(unified_diff(before, after, n=0, lineterm=""))[2:]
@@ -72,24 +75,55 @@ def main() -> int:
 
 def _find_places(file: Path) -> list[tuple[Path, str, int]]:
     """Return file, operator and number of each place, without those of decorators, such as frozen=True."""
-    lines, nodes = file.read_text(encoding="utf-8").split("\n"), list(ast_nodes(get_ast_from_path(file)))
+    lines = file.read_text(encoding="utf-8").split("\n")
     return [
         (file, name, number)
-        for name, operator in OPERATORS.items()
-        for number, (start, _) in enumerate(at for node in nodes for at in operator.mutation_positions(node))
-        if not lines[start[0] - 1].startswith("@")
+        for name in OPERATORS
+        for number, line in enumerate(_find_lines(file, name))
+        if not lines[line - 1].startswith("@")
     ]
 
 
-def _time_tests(room: str) -> tuple[list[str], float]:
-    """Return the test files of a room, the quick ones first, and how long all may take, in s."""
-    start_s, times_s = time.monotonic(), dict[str, float]()
-    if _try_tests([f"tests/{room}", "--junitxml=times.xml"], 3600.0) != "survived":
+def _find_lines(file: Path, name: str) -> Iterator[int]:
+    """Yield the lines of the places that an operator changes."""
+    for node in _parse(file):
+        for start, _ in OPERATORS[name].mutation_positions(node):
+            yield start[0]
+
+
+@cache
+def _parse(file: Path) -> list[Any]:
+    return list(ast_nodes(get_ast_from_path(file)))
+
+
+def _time_tests(room: str) -> tuple[dict[str, float], float]:
+    """Return how long each test of a room takes, and how long all may take, in s; keeps which lines each one runs."""
+    start_s = time.monotonic()
+    told = f"--junitxml=times.xml --cov=labrig/{room} --cov-context=test --cov-report= --cov-fail-under=0"
+    if _try_tests([f"tests/{room}", *told.split()], 3600.0) != "survived":
         sys.exit(f"the tests of {room} fail before anything is changed")
-    for case in ET.parse("times.xml").iter("testcase"):
-        file = case.attrib["classname"].replace(".", "/") + ".py"
-        times_s[file] = times_s.get(file, 0.0) + float(case.attrib["time"])
-    return sorted(times_s, key=times_s.__getitem__), 30.0 + 4.0 * (time.monotonic() - start_s)
+    times_s = {
+        f"{case.attrib['classname'].replace('.', '/')}.py::{case.attrib['name']}": float(case.attrib["time"])
+        for case in ET.parse("times.xml").iter("testcase")
+    }
+    return times_s, 30.0 + 4.0 * (time.monotonic() - start_s)
+
+
+def _find_tests(file: Path, name: str, occurrence: int, times_s: dict[str, float]) -> list[str]:
+    """Return the tests that run a place, the quick ones first, then the files of tests that import its module.
+
+    What is run on import, such as a constant, may show in every test. What a function keeps in a cache shows in others
+    than the one that ran it: those import the module.
+    """
+    line = list(_find_lines(file, name))[occurrence]
+    data = CoverageData()
+    data.read()
+    contexts = data.contexts_by_lineno(str(file.resolve())).get(line, [])
+    run = {context.partition("|")[0] for context in contexts} & times_s.keys()
+    tests = sorted(run or times_s, key=times_s.__getitem__)
+    files = sorted({test.partition("::")[0] for test in times_s})
+    imported = f"{file.parts[1]}.{file.stem} import"
+    return [*tests, *(path for path in files if run and imported in Path(path).read_text(encoding="utf-8"))]
 
 
 def _try_tests(tests: list[str], limit_s: float) -> str:

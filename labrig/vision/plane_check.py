@@ -90,7 +90,7 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
         raise CalibrationRefusedError(refusal.message, _CALIBRATE_AGAIN) from refusal
     # OpenCV's sampling has a fixed seed of its own.
     affine, inside = cv2.estimateAffine2D(
-        found.lines * float(pitch_mm), seen, ransacReprojThreshold=_GROSS * pitch_mm, refineIters=20
+        found.lines * float(pitch_mm), seen, ransacReprojThreshold=_GROSS * pitch_mm
     )
     kept = np.ravel(inside) > 0
     if affine is None or kept.sum() < _LEAST_CHECKED:

@@ -392,24 +392,21 @@ def _make_arcs(
 
 
 def _follow(bars: BarMap, seed: complex, heading: float) -> tuple[NDArray[np.complex128], FloatArray]:
-    """Follow the shaft from `seed` until it ends or leaves the picture; return places (N,) and responses (N,)."""
+    """Follow the shaft from `seed` until it ends; return places (N,) and responses (N,). Outside there is none."""
     lengths = np.linspace(0.0, _LOOK_MM * bars.px_per_mm, _LOOK_SAMPLES + 1)[1:]
     arcs, turns, curvatures = _make_arcs(_TURNS_RAD, _CURVATURES_PER_MM / bars.px_per_mm, lengths)
     penalty = _TURN_PENALTY_PER_RAD2 * turns**2
     step = _STEP_MM * bars.px_per_mm
-    h, w = bars.any_direction.shape
     place, places = seed, [seed]
     usual = float(bars.at(np.array([seed]))[0])
     responses, headings = [usual], [heading]
     last_strong = 0
-    for _ in range(int(2 * (w + h) / step)):
+    for _ in range(int(2 * sum(bars.any_direction.shape) / step)):
         seen = np.minimum(bars.at(place + arcs * np.exp(1j * heading)), 1.5 * usual)
         best = int(np.argmax(seen.sum(axis=1) / max(_LOOK_SAMPLES * usual, 1e-9) - penalty))
         turned = heading + turns[best]
         place = place + step * np.exp(1j * (turned + 0.5 * curvatures[best] * step))
         heading = turned + curvatures[best] * step
-        if not (-0.5 <= place.real <= w - 0.5 and -0.5 <= place.imag <= h - 0.5):
-            break
         places.append(place)
         headings.append(heading)
         if abs(heading - headings[max(len(headings) - 1 - _KINK_STEPS, 0)]) > _KINK_RAD:

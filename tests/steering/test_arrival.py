@@ -57,6 +57,6 @@ def test_a_tip_that_may_be_elsewhere_with_a_probability_is_in_the_interval():
 
 def test_only_an_interval_within_the_tolerance_is_a_success():
     """Reached where all of the interval is within the tolerance, missed where none of it is."""
-    assert decide_arrival((0.1, 1.9), 2.0) == "reached"
-    assert decide_arrival((0.1, 2.1), 2.0) == "reached_in_plane_only"
+    assert decide_arrival((0.1, 2.0), 2.0) == "reached"
+    assert decide_arrival((2.0, 2.1), 2.0) == "reached_in_plane_only"
     assert decide_arrival((2.1, 9.0), 2.0) == "missed"

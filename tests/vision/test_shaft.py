@@ -114,11 +114,15 @@ def test_what_is_no_needle_with_its_tip_is_refused_with_the_reason(gel, words):
         locate_shaft(gel.take(3), CAMERA.plane_map(), 1.2, 2.0)
 
 
+DIAGONAL = np.eye(720, 1280, dtype=np.uint8)
+
+
 @pytest.mark.parametrize(
     ("picture", "px_per_mm", "words"),
     [
         (np.zeros((720, 1280), np.uint8), 15.0, "the picture is black"),
-        (np.full((720, 1280), 128, np.uint8), 15.0, "the picture is even grey"),
+        (128 + 7 * DIAGONAL, 15.0, "the picture is even grey"),
+        (128 + 8 * DIAGONAL, 15.0, "nothing dark and straight"),
         (np.full((720, 1280, 3), 255, np.uint8), 15.0, "the picture is white"),
         (np.eye(5, 400, dtype=np.uint8) * np.uint8(200), 15.0, "too few to show a needle"),
         (np.eye(100, dtype=np.uint8) * np.uint8(200), 1.0, r"1\.2 pixels wide"),

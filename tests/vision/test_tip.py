@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import FileFormatError, InputError, PictureError
-from labrig.vision.template import TipTemplate, load_template, save_template
+from labrig.vision.template import TipTemplate, cut_template, load_template, save_template
 from labrig.vision.tip import locate_tip
 from tests.vision.renderer import Gel
 from tests.vision.tips import CAMERA, tip
@@ -109,6 +109,16 @@ def test_what_cannot_be_searched_is_an_error(picture, predicted, error):
     """A picture smaller than the template, or not of 8 bits, and a prediction that is not finite."""
     with pytest.raises(error):
         locate_tip(picture, TEMPLATE, **predicted)
+
+
+@pytest.mark.parametrize("place", [(19, 20), (20, 19), (620, 459), (619, 460)])
+def test_a_square_that_leaves_the_picture_is_no_template(place):
+    """A pixel further inside it is one."""
+    picture = np.random.default_rng(1).integers(0, 256, (480, 640)).astype(np.uint8)
+    with pytest.raises(PictureError, match="does not lie in the picture"):
+        cut_template(picture, place, 0.0, side_px=41, insertion="right")
+    inside = tuple(np.clip(place, 20, (619, 459)).tolist())
+    assert cut_template(picture, inside, 0.0, side_px=41, insertion="right").tip_px == (20, 20)
 
 
 def test_a_template_comes_back_from_its_files_as_it_was(tmp_path):

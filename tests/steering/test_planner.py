@@ -13,7 +13,9 @@ from labrig.errors import InputError
 from labrig.needle.kinematics import path_frames, path_points, rotation_x
 from labrig.steering.approach import find_nearest_approach
 from labrig.steering.clearance import arc_distances, find_nearest_places, path_distances
+from labrig.steering.mending import mend_paths
 from labrig.steering.parameters import PlanWeights
+from labrig.steering.planar import Tips, thin_tips
 from labrig.steering.planner import plan_path, sample_path
 from labrig.steering.problem import Obstacle, PlanProblem, Surroundings
 from labrig.steering.score import find_least_rooms
@@ -252,6 +254,30 @@ def test_the_present_path_is_mended_and_compared():
     kept = plan_path(strayed, effort="quick", present=present)
     assert kept.target_error_mm < strayed.tolerance_mm
     assert kept.clearance_mm >= strayed.clearance_mm - 1e-6
+
+
+@pytest.mark.parametrize(
+    ("arcs", "target", "spheres", "off_rad"),
+    [(2, (0.0, 8.0, 60.0), (), 0.1), (4, TARGET, OBSTACLES, -0.08)],
+)
+def test_mending_reaches_the_target_off_the_obstacles_in_four_steps(arcs, target, spheres, off_rad):
+    """By two arcs, which both have to change, and by four that touch two obstacles: the slopes are exact."""
+    around = Surroundings(PlanProblem(target, spheres, planar=True, max_arcs=arcs))
+    psi = plan_path(around.problem).psi[None].copy()
+    psi[..., 0] += np.linspace(off_rad, -off_rad, arcs)
+    mended, radius_mm = mend_paths(psi, around, 4), around.problem.radius_mm
+    assert path_frames(mended, radius_mm).positions_mm[0, -1] == pytest.approx(target, abs=1e-6)
+    assert np.all(path_distances(mended, radius_mm, around.centres_mm) > around.keep_off_mm)
+
+
+def test_of_the_tips_in_a_cell_one_is_kept():
+    """Whichever of place, heading and sign differs makes another cell."""
+    random, count = np.random.default_rng(4), 4000
+    places, headings = random.uniform(-3.0, 3.0, (2, count)), random.uniform(-0.3, 0.3, count)
+    signs, keys = random.choice((-1.0, 1.0), count), np.arange(count, dtype=np.uint64)
+    tips = Tips(places[0] + 1j * places[1], headings, signs, np.zeros((count, 1)), keys)
+    cells = np.unique(np.round(np.vstack((places / 1.2, headings / 0.06, signs))), axis=1)
+    assert len(thin_tips(tips, 1.2, 0.06, count).places) == cells.shape[1] < count
 
 
 @pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])

@@ -27,7 +27,7 @@ Arrival = Literal["reached", "reached_in_plane_only", "missed"]
 _LEVELS = (0.025, 0.975)
 # Distances below this share of the standard deviation are as likely as this.
 _LEAST_SHARE = 0.01
-_POINTS = 1 << 14
+_POINTS = 1 << 13
 # The root of t^4 = t + 1. Fractions of multiples of its powers fill the unit cube evenly: M. Roberts, "The Unreasonable
 # Effectiveness of Quasirandom Sequences" (2018).
 _ROOT = 1.2207440846057596

@@ -73,9 +73,10 @@ def step_belief(belief: TipBelief, observation: TipObservation, settings: Estima
     cavity = entered + stayed_in
     left = belief.cavity * leaves
     from_inside = left / (1.0 - cavity), stayed_in / cavity if cavity else 0.0
-    outside = step_tip(_mix(belief.outside, belief.inside, from_inside[0]), observation, settings)
-    straight = replace(observation, bends=False)
-    inside = step_tip(_mix(belief.outside, belief.inside, from_inside[1]), straight, settings)
+    apart = _find_error(belief.outside, belief.inside)
+    outside, inside = (_mix(belief.outside, belief.inside, apart, share) for share in from_inside)
+    outside = step_tip(outside, observation, settings)
+    inside = step_tip(inside, replace(observation, bends=False), settings)
     log_likelihoods = [_weigh(tip, settings) for tip in (outside, inside)]
     better = max(log_likelihoods)
     weights = (
@@ -84,7 +85,8 @@ def step_belief(belief: TipBelief, observation: TipObservation, settings: Estima
     )
     share = weights[1] / sum(weights)
     log_evidence = better + math.log(sum(weights))
-    return TipBelief(_mix(outside, inside, share), outside, inside, share, log_evidence)
+    tip = _mix(outside, inside, _find_error(outside, inside), share)
+    return TipBelief(tip, outside, inside, share, log_evidence)
 
 
 def _weigh(tip: TipState, settings: EstimatorSettings) -> float:
@@ -109,15 +111,14 @@ def advance_belief(belief: TipBelief, step: TipObservation, settings: EstimatorS
     return TipBelief(tip, outside, inside, moved.cavity)
 
 
-def _mix(outside: TipState, inside: TipState, share: float) -> TipState:
-    """Return the state with mean and covariance of the mixture, `share` of it inside a cavity.
+def _mix(outside: TipState, inside: TipState, apart: FloatArray, share: float) -> TipState:
+    """Return the state with mean and covariance of the mixture, `share` of it inside a cavity, so far `apart`.
 
     The figures of the last observation are those of the likelier state.
     """
     likelier = inside if share > 0.5 else outside
     if share in {0.0, 1.0} or outside is inside:
         return likelier
-    apart = _find_error(outside, inside)
     mean = share * apart
     rotation = outside.rotation @ rotation_from_vector(mean[ORIENTATION])
     spread = share * (1.0 - share) * np.outer(apart, apart)

@@ -127,6 +127,8 @@ def _make_due_turns(state: SteeringState, settings: SteeringSettings) -> tuple[S
     """Return the state after the due turns, and their roll; the bevel turns only while the needle stands still."""
     stands = state.insertion_mm >= state.run_to_mm - HERE_MM
     due = [turn for turn in state.ahead if stands and turn.at_mm <= state.insertion_mm + HERE_MM]
+    if not due:
+        return state, 0.0
     roll_rad = math.remainder(sum(turn.roll_rad for turn in due), 2 * math.pi)
     state = replace(state, ahead=state.ahead[len(due) :])
     if abs(roll_rad) < NO_TURN:

@@ -200,16 +200,17 @@ class Intrinsics:
         if not len(wanted):
             return wanted
         matrix, distortion = self.camera_matrix(), np.array(self.distortion)
-        ideal = _UNDISTORT(wanted[:, None], matrix, distortion, R=np.eye(3), P=matrix, criteria=_STOP)
-        found = np.asarray(ideal, dtype=np.float64).reshape(-1, 2)
-        off = np.linalg.norm(self.distort_px(found) - wanted, axis=1)
+        rays = cv2.convertPointsToHomogeneous(
+            _UNDISTORT(wanted[:, None], matrix, distortion, R=None, P=None, criteria=_STOP)
+        ).reshape(-1, 3)
+        off = np.linalg.norm(self.project(rays)[0] - wanted, axis=1)
         if not off.max() <= _UNDISTORTION_TOLERANCE_PX:
             worst = wanted[int(np.argmax(np.nan_to_num(off, nan=np.inf)))]
             raise MeasurementRefusedError(
                 f"the lens model has no inverse at pixel ({worst[0]:.1f}, {worst[1]:.1f})",
                 "photograph the board in that part of the picture and calibrate again",
             )
-        return found
+        return np.asarray(rays[:, :2] * (self.fx, self.fy) + (self.cx, self.cy))
 
     def project(self, rays: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
         """Return where the lens shows points (N, 3) before it, (N, 2) [px], and the derivatives (2 N, 15).

@@ -118,12 +118,7 @@ class Sight:
     ) -> ShaftTip:
         """Return the shaft of a needle and where it ends."""
         return measure_shaft_tip(
-            taken.image,
-            self.plane,
-            diameter_mm,
-            sheath_diameter_mm,
-            mask=self._mask,
-            roll_sd_rad=roll_sd_rad,
+            taken.image, self.plane, diameter_mm, sheath_diameter_mm, mask=self._mask, roll_sd_rad=roll_sd_rad
         )
 
     def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:

@@ -14,12 +14,7 @@ from itertools import groupby
 import pandas as pd
 
 from labrig.devices.axis_positions import AxisPositions
-from labrig.devices.operator import (
-    ConfirmNeedleOut,
-    ConfirmStance,
-    ConfirmWithdrawal,
-    WithdrawNeedle,
-)
+from labrig.devices.operator import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal, WithdrawNeedle
 from labrig.devices.rig_file import RigDescription
 from labrig.protocol.sections import Advance, Sheath
 from labrig.record.events import TrialStart, TrialStop, WithdrawalStart, WithdrawalStop

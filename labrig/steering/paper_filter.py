@@ -17,14 +17,7 @@ import numpy as np
 
 from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_z
 from labrig.steering.motion import make_pose, step_frame
-from labrig.steering.tip import (
-    ORIENTATION,
-    POSITION,
-    EstimatorSettings,
-    TipObservation,
-    TipState,
-    freeze,
-)
+from labrig.steering.tip import ORIENTATION, POSITION, EstimatorSettings, TipObservation, TipState, freeze
 
 # Singular values of the map of angles below this count as zero: phi_y is locked.
 _LOCK = 1e-6

@@ -111,7 +111,7 @@ def plan_path(
         return make_plan(best, around)
     if np.linalg.norm(around.target_mm) <= problem.tolerance_mm:
         return make_plan(np.zeros((0, 2)), around)
-    failed = "resolved motion rate found no path" if method == "paper" else explain_failure(around)
+    failed = "resolved motion rate found no path" if method == "paper" else explain_failure(problem)
     return Plan(found=False, reason=failed)
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.problem import Surroundings
+from labrig.steering.problem import PlanProblem, Surroundings
 from labrig.text import format_count
 
 
@@ -68,20 +68,7 @@ def _describe_gap(around: Surroundings, k: int, apart: FloatArray) -> str:
     return f"by obstacle {k + 1}: {gap_mm:.2f} mm of clearance, {wanted_mm:.2f} mm asked for"
 
 
-def explain_failure(around: Surroundings) -> str:
+def explain_failure(problem: PlanProblem) -> str:
     """Return what is known after a search that found no path: it proves nothing, as it tries some paths only."""
-    problem = around.problem
     arcs = format_count(problem.max_arcs, "arc")
-    return f"no path found with up to {arcs} and {problem.max_length_mm:g} mm{_name_suspect(around)}"
-
-
-def _name_suspect(around: Surroundings) -> str:
-    """Return as text the first obstacle on the straight line to the target; empty if it is free."""
-    along = np.clip(around.centres_mm @ around.target_mm / np.sum(around.target_mm**2), 0, 1)
-    apart = np.linalg.norm(around.centres_mm - along[:, None] * around.target_mm, axis=1)
-    near = np.flatnonzero(apart < around.keep_off_mm)
-    return (
-        f"; obstacle {near[np.argmin(along[near])] + 1} lies on the straight line to the target"
-        if near.size
-        else ""
-    )
+    return f"no path found with up to {arcs} and {problem.max_length_mm:g} mm"

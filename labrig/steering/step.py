@@ -16,12 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, StopReason, TipSighting
-from labrig.steering.replanning import (
-    plan_with_clearance,
-    pose_problem_ahead,
-    predict_miss_and_gap,
-    replan,
-)
+from labrig.steering.replanning import plan_with_clearance, pose_problem_ahead, predict_miss_and_gap, replan
 from labrig.steering.state import (
     HERE_MM,
     NO_TURN,

@@ -48,11 +48,7 @@ class TipSearched:
 
 
 def find_tip(
-    view: TipView,
-    image: Picture,
-    expected: FloatArray,
-    tip: TipState,
-    roll_rad: float,
+    view: TipView, image: Picture, expected: FloatArray, tip: TipState, roll_rad: float
 ) -> TipSearched:
     """Find the tip near where it is expected; the more pictures have shown none, the wider, and then at any heading.
 

@@ -98,10 +98,7 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
     """
     depths_mm = _list_depths_mm(bends)
     solved = least_squares(
-        _find_residuals,
-        _guess(bends, depths_mm, radius_mm),
-        args=(bends, depths_mm, lengths),
-        method="lm",
+        _find_residuals, _guess(bends, depths_mm, radius_mm), args=(bends, depths_mm, lengths), method="lm"
     )
     lag_rad, per_mm, radius = (float(value) for value in solved.x[:3])
     _refuse_unexpected(radius, radius_mm, lag_rad, lag_rad + per_mm * depths_mm[-1])

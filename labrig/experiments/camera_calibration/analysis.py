@@ -9,12 +9,7 @@ from typing import Any
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.pictures import INTRINSICS_FILE, PLANE_FILE, Progress
 from labrig.analysis.result import Findings, Point
-from labrig.errors import (
-    CalibrationRefusedError,
-    MeasurementRefusedError,
-    PictureError,
-    RecordError,
-)
+from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import SCALE_HINT, CameraCalibrationProtocol, GraphPaper
 from labrig.experiments.camera_calibration.result import CalibrationResult

@@ -87,11 +87,7 @@ def _explain_cut(axes: Axes, hinge: Hinge) -> None:
     arc = corner + 1.12 * outer_mm * np.column_stack((np.cos(turn_rad), np.sin(turn_rad)))
     axes.plot(*arc.T, color=_PAPER, linewidth=1.4)
     axes.text(
-        1.24 * outer_mm,
-        -lip_mm + 0.02 * outer_mm,
-        f"{hinge.beta_cut_deg:.2f}°",
-        fontsize=8.5,
-        color=_PAPER,
+        1.24 * outer_mm, -lip_mm + 0.02 * outer_mm, f"{hinge.beta_cut_deg:.2f}°", fontsize=8.5, color=_PAPER
     )
 
 

@@ -146,9 +146,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         origins=find_origins(run.read_frame, scenes, plane, protocol.sheath),
         sentinel=sentinel,
         sighting_noise=measure_noise(
-            seen[:_MOST_NOISE_INSERTIONS],
-            _known(step.nis for step in steps),
-            made[0].planned,
+            seen[:_MOST_NOISE_INSERTIONS], _known(step.nis for step in steps), made[0].planned
         )
         if made
         else None,

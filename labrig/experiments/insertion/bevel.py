@@ -10,14 +10,7 @@ from labrig.runner.session import Session
 from labrig.steering.parameters import Turning
 from labrig.steering.planner import Plan
 from labrig.steering.state import SteeringState
-from labrig.steering.torsion import (
-    BaseLimits,
-    BaseTurn,
-    RolledStretch,
-    TurnAhead,
-    centre_bevel,
-    choose_turn,
-)
+from labrig.steering.torsion import BaseLimits, BaseTurn, RolledStretch, TurnAhead, centre_bevel, choose_turn
 
 _SAME_RAD = 0.01
 

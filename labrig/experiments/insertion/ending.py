@@ -301,11 +301,7 @@ class TargetErrorBounds:
 
 
 def decide_ending(
-    stop: str,
-    detail: str,
-    bounds: TargetErrorBounds | None,
-    tolerance_mm: float,
-    doubt: Ending | None = None,
+    stop: str, detail: str, bounds: TargetErrorBounds | None, tolerance_mm: float, doubt: Ending | None = None
 ) -> Ending:
     """Return how an insertion ended, by the last picture if it was steered to the target.
 
@@ -412,9 +408,7 @@ def bound_error(
         by=seen.by,
         tip_mm=(float(seen.place_mm[0]), float(seen.place_mm[1])),
         sources=TargetErrorSources(
-            **vars(unseen),
-            in_plane=float(np.linalg.norm(seen.sd_mm)),
-            target=target_sd_mm,
+            **vars(unseen), in_plane=float(np.linalg.norm(seen.sd_mm)), target=target_sd_mm
         ),
         depth=None if seen.depth is None else EndDepth.model_validate(seen.depth, from_attributes=True),
     )

@@ -19,6 +19,9 @@ from labrig.vision.tip import TipFix
 _Pixel = tuple[float, float]
 _Point = tuple[float, float, float]
 
+NIS_95 = 5.99
+"""95 % of the values of a chi-squared distribution with two degrees of freedom lie below."""
+
 
 class InsertionRole(PictureRole):
     """Pictures in which the target is picked, markers or the sheath are found, or the plan is drawn.

@@ -11,18 +11,15 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
-from scipy.special import chdtri
 
 from labrig.analysis.result import tabulate
-from labrig.experiments.insertion.events import PathSought
+from labrig.experiments.insertion.events import NIS_95, PathSought
 from labrig.experiments.insertion.result import InsertionStep, InsertionTrial, MarkerStep
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.palette import DESIGN, mark
 
 _SEEN, _LOST, _TRUE = mark(0).colour, mark(1).colour, "#000000"
 _DASHED = (0, (4, 2.5))
-# The 95 % quantile of the NIS of two coordinates.
-_NIS_95 = float(chdtri(2, 0.05))
 
 
 def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], name: str) -> Markup:
@@ -100,12 +97,12 @@ def _draw_nis(axes: Axes, steps: pd.DataFrame, mean_nis: float | None) -> None:
     axes.set_title("NIS: normalised innovation squared")
     _plot(axes, pd.to_numeric(steps["nis"]).clip(lower=1e-4), _SEEN, ".")
     axes.axhline(
-        _NIS_95, color=DESIGN, linewidth=1.0, linestyle=_DASHED, label=f"95 % lie below {_NIS_95:.1f}"
+        NIS_95, color=DESIGN, linewidth=1.0, linestyle=_DASHED, label=f"95 % lie below {NIS_95:.1f}"
     )
     if mean_nis is not None:
         axes.axhline(mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {mean_nis:.2g}; 2 expected")
     axes.set_yscale("log")
-    axes.set_ylim(top=4 * _NIS_95)
+    axes.set_ylim(top=4 * NIS_95)
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
 

@@ -26,13 +26,7 @@ from labrig.devices.axis_positions import AxisPositions, collect_axis_positions
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickObstacle, PickTarget, PlacePhantom
 from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
-from labrig.experiments.insertion.aim import (
-    Aim,
-    Pixel,
-    find_aim_problems,
-    locate_place,
-    make_aim,
-)
+from labrig.experiments.insertion.aim import Aim, Pixel, find_aim_problems, locate_place, make_aim
 from labrig.experiments.insertion.bevel import Bevel
 from labrig.experiments.insertion.ending import (
     UNSURE_STOPS,

@@ -16,21 +16,9 @@ from labrig.protocol.model import (
     PointMm,
     PositiveMm,
 )
-from labrig.protocol.sections import (
-    Advance,
-    Criterion,
-    JudgedProtocol,
-    RollZeroSearch,
-    TrackedSpecimen,
-)
+from labrig.protocol.sections import Advance, Criterion, JudgedProtocol, RollZeroSearch, TrackedSpecimen
 from labrig.protocol.specimen_file import TracksBySpecimen
-from labrig.steering.parameters import (
-    PAPER_POLICY,
-    Estimator,
-    PlanMethod,
-    PlanWeights,
-    SteeringPolicy,
-)
+from labrig.steering.parameters import PAPER_POLICY, Estimator, PlanMethod, PlanWeights, SteeringPolicy
 
 _WHERE = "give one of position_mm: [x, y, z], pixel: [u, v] and ask: true"
 

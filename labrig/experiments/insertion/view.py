@@ -8,7 +8,7 @@ import rerun as rr
 
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult
-from labrig.experiments.insertion.events import TipObserved
+from labrig.experiments.insertion.events import NIS_95, TipObserved
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.scene import COLOURS, KINDS, Scene
 from labrig.record.events import Event, parse_events
@@ -24,8 +24,6 @@ _ADDED = (
     "depth/to the target", "depth/to an obstacle", "roll/heading",
 )  # fmt: skip
 _PLACES = tuple(rr.new_entity_path(name.split("/")) for name in _ADDED)
-# 95 % of the values of a chi-squared distribution with two degrees of freedom lie below.
-_NIS_95 = 5.99
 
 
 def make_view(run: Run, _result: AnalysisResult[InsertionResult]) -> View:
@@ -75,7 +73,7 @@ def _draw_numbers(stream: rr.RecordingStream, scene: Scene, step: TipObserved) -
     values = (
         None if step.innovation_mm is None else math.hypot(*step.innovation_mm),
         step.nis,
-        _NIS_95,
+        NIS_95,
         scene.left_mm,
         min(gaps_mm, default=None),
         math.degrees(step.heading_rad),

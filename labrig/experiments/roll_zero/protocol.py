@@ -3,10 +3,7 @@
 from typing import ClassVar, Literal
 
 from labrig.protocol.model import Line
-from labrig.protocol.sections import (
-    RollZeroSearch,
-    RollZeroSteps,
-)
+from labrig.protocol.sections import RollZeroSearch, RollZeroSteps
 
 
 class RollZeroProtocol(RollZeroSearch):

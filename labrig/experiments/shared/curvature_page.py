@@ -10,15 +10,9 @@ from markupsafe import Markup
 
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult, CentreLines, load_centre_lines
-from labrig.experiments.shared.curvature_result import (
-    CurvatureResult,
-    PictureResult,
-    SpecimenResult,
-)
+from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult, SpecimenResult
 from labrig.experiments.shared.needle_events import NeedleRole
-from labrig.experiments.shared.needle_pictures import (
-    draw_picture,
-)
+from labrig.experiments.shared.needle_pictures import draw_picture
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
 from labrig.record.reader import Run
 from labrig.report.figures import Design, GelSeries, draw_steerability_figure

@@ -9,15 +9,7 @@ from numpy.typing import NDArray
 from labrig.analysis.result import CentreLines
 from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.record.reader import Run
-from labrig.report.pictures import (
-    THUMBNAIL,
-    Plate,
-    circle,
-    photograph,
-    pixel,
-    polyline,
-    scale_bar,
-)
+from labrig.report.pictures import THUMBNAIL, Plate, circle, photograph, pixel, polyline, scale_bar
 from labrig.vision.plane import PlaneMap
 
 FloatArray = NDArray[np.float64]

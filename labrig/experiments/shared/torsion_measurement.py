@@ -61,11 +61,7 @@ def _measure_hole(probe: "_Probe", hole: int, depth_mm: float, direction: int, s
     turn, end = probe.insert(depth_mm, direction)
     withdraw(session, probe.path, find_speeds(session.description, protocol.insertion, protocol.sheath))
     made = TorsionHole(
-        hole=hole,
-        depth_mm=depth_mm,
-        direction=direction,
-        turn_frame=turn.frame,
-        end_frame=end.frame,
+        hole=hole, depth_mm=depth_mm, direction=direction, turn_frame=turn.frame, end_frame=end.frame
     )
     session.record(made)
     shafts = [

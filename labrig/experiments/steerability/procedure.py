@@ -47,9 +47,7 @@ def run(protocol: SteerabilityProtocol, session: Session) -> None:
         session.move("rotation", protocol.insertion.bevel_roll_rad, session.axis("rotation").max_speed / 2)
     photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     trials = session.trials(
-        list_holes(protocol),
-        again=partial(find_another_hole, protocol),
-        order=sort_holes(protocol),
+        list_holes(protocol), again=partial(find_another_hole, protocol), order=sort_holes(protocol)
     )
     for trial in trials:
         hole = trial.what

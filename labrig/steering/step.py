@@ -54,11 +54,9 @@ def step_steering(
     state = take_in_sighting(state, sighting, settings)
     if halt is not None:
         return state, _stop(state, halt.reason, halt.detail)
-    stop = _stop_if_lost(state, settings)
-    if stop is not None:
+    if (stop := _stop_if_lost(state, settings)) is not None:
         return state, stop
-    occasion = _find_occasion(state, settings)
-    if occasion is not None:
+    if (occasion := _find_occasion(state, settings)) is not None:
         state = replan(state, occasion, settings)
     return _command_next(state, settings)
 

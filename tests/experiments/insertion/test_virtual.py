@@ -15,16 +15,19 @@ from labrig.runner.dry_run import simulate as run_simulation
 from labrig.runner.sight import TakenPicture
 from labrig.runner.virtual_rig import VirtualPhotograph
 from labrig.runner.virtual_sight import WorldSight
+from labrig.simulation.description import LayerDescription
 from labrig.simulation.world import World
 from labrig.vision.plane import PlaneMap
 from tests.devices.rigs import large_rig
 from tests.runner.sessions import PROTOCOLS, sweep
 
 
-def simulate(*settings: str, seed: int = 1) -> TaskOutcome:
-    """Return what comes of a virtual insertion."""
-    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, settings)
-    return run_simulation(find_experiment("insertion"), protocol, large_rig(), seed)
+def simulate(*settings: str, seed: int = 1, layers: tuple[LayerDescription, ...] = ()) -> TaskOutcome:
+    """Return what comes of a virtual insertion, in a gel with these layers."""
+    protocol, rig = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, settings), large_rig()
+    assert rig.world is not None
+    rig = rig.model_copy(update={"world": rig.world.model_copy(update={"layers": layers})})
+    return run_simulation(find_experiment("insertion"), protocol, rig, seed)
 
 
 def test_a_seed_gives_the_same_insertion_again_and_another_seed_another() -> None:
@@ -41,6 +44,16 @@ def test_no_path_is_an_outcome_and_a_bench_without_a_world_is_refused() -> None:
     assert (outcome.exit_status, outcome.reason, outcome.values) == ("failed", "no_path", {})
     with pytest.raises(InputError, match="in the world of a simulated rig"):
         run_simulation(find_experiment("steerability"), sweep(), None, 1)
+
+
+def test_a_gel_in_layers_is_steered_through() -> None:
+    """The curvature has no noise of its own: the heading follows radii of 0.7 and 1.3 times the expected one."""
+    layers = [LayerDescription(until_mm=end, radius_scale=scale) for end, scale in ((40, 0.7), (80, 1.3))]
+    outcome = simulate(layers=tuple(layers))
+    error_mm = outcome.values["true_target_error_mm"]
+    assert outcome.exit_status == "success"
+    assert isinstance(error_mm, float)
+    assert error_mm < 0.5
 
 
 def test_what_is_read_off_a_picture_grows_with_the_mm_of_a_pixel() -> None:

@@ -131,7 +131,7 @@ def _to_text(value: object) -> str:
 def _name_value(field: str, value: str) -> str:
     if field == "gelatin_percent":
         return f"{value} % gelatin"
-    value = str(int(value) + 1) if field == "hole" else value  # people count from one
+    value = str(int(value) + 1) if field in {"hole", "trial"} else value  # counted from 1
     return value if field in {"needle_id", "run", "specimen"} else f"{field} {value}"
 
 

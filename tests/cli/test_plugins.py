@@ -129,7 +129,10 @@ def test_a_mistake_that_only_a_run_meets_is_told_with_its_line_and_the_record(
 def test_a_record_is_read_without_the_packages_that_made_it(
     site: Path, tmp_path: Path, labrig: Labrig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`runs`, `runs check`, `view`, `export` and tags work; other commands exit with 2 and name the package."""
+    """`runs`, `runs check`, `view`, `export` and tags work; other commands exit with 2 and name the package.
+
+    With it, `compare` takes a column of its own.
+    """
     monkeypatch.syspath_prepend(str(EXAMPLE))
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     groups = (
@@ -140,6 +143,9 @@ def test_a_record_is_read_without_the_packages_that_made_it(
     protocol = ("--rig", EXAMPLE / "rig.yaml", "--set", "visits=2", "--runs-dir", tmp_path)
     outside_run = tmp_path / "outside"
     assert labrig("run", EXAMPLE / "repeatability.yaml", *protocol, "--run-name", "outside").exit_code == 0
+    told = ("--quantity", "u_px", "--by", "trial", "--out", tmp_path / "compared", "--json")
+    groups = labrig("compare", outside_run, *told).json()["groups"]
+    assert [(group["name"], group["n"]) for group in groups] == [("trial 1", 1), ("trial 2", 1)]
     recorded = json.loads((outside_run / "manifest.json").read_text(encoding="utf-8"))["plugins"]
     ours = ("experiment repeatability", "drive example-stepper", "camera example-marker")
     assert {name: recorded.pop(name) for name in ours} == dict.fromkeys(ours, "labrig-example 1.0.0")

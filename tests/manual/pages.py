@@ -6,7 +6,7 @@ What stands behind an opening fence says what becomes of the block:
   says how it ends if not with 0;
 - `sh bench`: needs hardware, a person, a display or the network; every command and option in it is looked up;
 - `yaml protocol=NAME`, `yaml rig=NAME`: validated together with the rest of that example file;
-- `yaml`: is read; `python`: runs; `text`: is shown by a program.
+- `yaml`: is read; `python`: runs; `text`: is shown by a program; `{literalinclude}`: is a file of the example package.
 """
 
 import re
@@ -21,7 +21,9 @@ from labrig.cli.manual import SOURCE, find_pages
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 PAGES = {page.relative_to(SOURCE).with_suffix("").as_posix(): page for page in find_pages().values()}
-KINDS = re.compile(r"sh|sh bench|yaml|yaml (?:protocol|rig)=[\w-]+|python|text|\{toctree\}")
+KINDS = re.compile(
+    r"sh|sh bench|yaml|yaml (?:protocol|rig)=[\w-]+|python|text|\{toctree\}|\{literalinclude\} \S+"
+)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from labrig.cli.live import Follower
 from labrig.cli.options import LiveKind
 from labrig.cli.output import SPEAKS_JSON, say
-from labrig.cli.progress import Reporter, progress
+from labrig.cli.progress import Reporter, load_bar, progress
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.opening import Opening
@@ -48,6 +48,7 @@ class TerminalAttendant(Attendant):
         self, rig: RigDescription, doing: str, seed: int = 0, opening: Opening | None = None
     ) -> Iterator[tuple[Rig, SignalNote]]:
         """Open a rig for the person, and give it with the note of a signal, which stops the axes first."""
+        load_bar()
         with (
             note_signals() as note,
             open_rig(

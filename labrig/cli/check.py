@@ -4,7 +4,15 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from labrig.cli.options import ProtocolArgument, RigOption, SeedOption, SetOption, find_runs_dir
-from labrig.cli.output import failure_document, print_json, print_line, print_problems, say, say_failure
+from labrig.cli.output import (
+    failure_document,
+    print_json,
+    print_line,
+    print_problems,
+    say,
+    say_failure,
+    say_page,
+)
 from labrig.errors import FileFormatError, InputError
 from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 from labrig.text import duration, format_count
@@ -44,6 +52,8 @@ def check(
     for age in found.calibration:
         print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))
     print_line(f"not checked here: {', '.join(found.left_to_run)}")
+    if found.problems:
+        say_page(found.problems)
     return 0 if found.ok else 1
 
 

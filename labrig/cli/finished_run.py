@@ -5,6 +5,7 @@ import shlex
 from labrig.analysis.result import Summary, TextTable
 from labrig.cli.output import failure_document, print_json, print_line, print_table, say, say_failure
 from labrig.devices.needle_location import NeedleLocation
+from labrig.errors import OperatorDeclinedError
 from labrig.record.layout import FRAME_LINES, read_checksum
 from labrig.runner.experiment import Experiment
 from labrig.runner.whole_run import FinishedRun
@@ -17,7 +18,9 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
     if error is not None:
         if needle is not None:
             say_where_needle_is(needle.location)
-        say_failure(error)
+        # After a no, the one next step is to continue, where that is possible.
+        declined = isinstance(error, OperatorDeclinedError) and finished.can_resume
+        say_failure(error.reword(error.message, "") if declined else error)
         if needle is not None and needle.way_out:
             say(f"then: {needle.way_out}")
         if result is None:

@@ -15,7 +15,26 @@ from typing import IO, Any
 
 import typer
 
-from labrig.errors import FileFormatError, LabrigError, Problem, fault_of
+from labrig.errors import (
+    CalibrationRefusedError,
+    CameraError,
+    ConditionMetError,
+    DiskError,
+    FileFormatError,
+    LabrigError,
+    LimitError,
+    LockedError,
+    MeasurementRefusedError,
+    OperatorDeclinedError,
+    PictureError,
+    PluginError,
+    Problem,
+    RecordError,
+    SafetyStopError,
+    TargetMissedError,
+    WireError,
+    fault_of,
+)
 
 SPEAKS_JSON = ContextVar("SPEAKS_JSON", default=False)
 """Whether the result of the command is a JSON document (--json); otherwise it is text for people."""
@@ -53,6 +72,30 @@ def _make_finite(value: object) -> object:
             return [_make_finite(item) for item in value]
     return value
 
+
+PAGES: Mapping[type[LabrigError], str] = {
+    PluginError: "extend",
+    LimitError: "rig",
+    PictureError: "calibrate",
+    CalibrationRefusedError: "calibrate",
+    MeasurementRefusedError: "calibrate",
+    ConditionMetError: "protocol",
+    TargetMissedError: "steer-to-target",
+    WireError: "rig",
+    CameraError: "rig",
+    LockedError: "rig",
+    DiskError: "run-format",
+    RecordError: "run-format",
+    SafetyStopError: "pause-and-stop",
+}
+"""The page of the manual that a person needs after a failure."""
+
+PAGES_OF_FILES = (
+    (r"\.json\b|^calibration\.", "calibrate"),
+    (r"\bcampaign", "campaign"),
+    (r"\brig\b|calibration/", "rig"),
+)
+"""A pattern of a file's place, and the page that tells of it; of the others `protocol` does."""
 
 _UNKNOWN = "-"
 _LEAST_COLUMNS = 20
@@ -141,6 +184,18 @@ def say_failure(error: LabrigError) -> None:
         say("error: " + ": ".join(filter(None, (problem.where, problem.message))))
         if problem.hint:
             say(f"hint: {problem.hint}")
+    page = next((page for kind, page in PAGES.items() if isinstance(error, kind)), None)
+    if isinstance(error, FileFormatError):
+        say_page(error.problems)
+    elif page is not None and not isinstance(error, OperatorDeclinedError):
+        say(f"see: labrig manual {page}")
+
+
+def say_page(problems: Sequence[Problem]) -> None:
+    """Say which page of the manual tells of the file that the first problem is in."""
+    where = problems[0].where
+    page = next((page for pattern, page in PAGES_OF_FILES if re.search(pattern, where)), "protocol")
+    say(f"see: labrig manual {page}")
 
 
 def print_problems(problems: Sequence[Problem], kind: str = "") -> None:
@@ -158,7 +213,10 @@ def print_checks(checks: Sequence[Mapping[str, Any]]) -> int:
         print_line(f"{check['status']:4}  {axis}{check['check']}: {check['value']}", 6)
         if check["solution"]:
             print_line(f"      {check['solution']}", 6)
-    return 1 if any(check["status"] == "FAIL" for check in checks) else 0
+    if not any(check["status"] == "FAIL" for check in checks):
+        return 0
+    print_line("see: labrig manual rig")
+    return 1
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from importlib import import_module
 from typing import IO, Any, TypeAlias, cast
 
 from labrig.cli.output import SafeStandardError, escape_controls, say
@@ -43,6 +44,12 @@ class _Pace:
         """Return the time left [s]; None while too little is done to tell."""
         share = self.find_share(done)
         return (self.now_s() - self._held_s) * (1 - share) / share if share >= _TELLING_SHARE else None
+
+
+def load_bar() -> None:
+    """Load what draws the bar, before a rig is opened: until it is loaded nothing would watch the rig."""
+    if sys.stderr.isatty():
+        import_module("rich.progress")
 
 
 @contextmanager

@@ -104,9 +104,19 @@ def find_rig_file(given: Path | None, protocol: Path | None = None) -> Path:
 
     Without a lab folder, the simulated rig is searched for below the working folder, then beside the folder of the
     protocol.
+
+    Raises
+    ------
+    InputError
+        When there is none.
     """
     named = find_named_rig_file(given)
     if named is not None:
+        with suppress(OSError):  # a name that no file can have: whoever reads it says so
+            if not named.exists():
+                known = sorted(map(str, find_in_lab(CALIBRATION).glob(f"*{_YAML}")))
+                there = f"there are {', '.join(known)}; " if known else ""
+                raise InputError(f"there is no rig file {named}", f"{there}see: labrig manual rig")
         return named
     candidates = [find_in_lab(SIMULATED_RIG)]
     if protocol is not None:

@@ -169,7 +169,7 @@ class Experiment(MeasuredExperiment):
         near = get_close_matches(name, dir(import_module(self.module)), 1)
         return PluginError(
             f"{self.plugin}: {self.module} has no {what}",
-            f"did you mean {name} where it says {near[0]}?" if near else "see labrig manual add-experiment",
+            f"did you mean {name} where it says {near[0]}?" if near else "see: labrig manual extend",
         )
 
     def run(self, protocol: ExperimentProtocol, session: Session) -> None:

@@ -16,6 +16,8 @@ from typer.main import get_command
 from labrig.cli.main import app
 from labrig.cli.manual import SOURCE
 from labrig.cli.options import complete_live
+from labrig.cli.output import PAGES as PAGES_OF_ERRORS
+from labrig.cli.output import PAGES_OF_FILES
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import list_usable_models
 from labrig.protocol.load import load_protocol
@@ -97,6 +99,14 @@ def test_a_wrong_command_would_be_found(line: str) -> None:
     """A misspelt command or option, and one without its value."""
     with pytest.raises((AssertionError, typer.TyperException)):
         _parse(line.split()[1:])
+
+
+def test_every_page_that_a_message_names_exists() -> None:
+    """In the hints of errors, and those that follow from the kind of an error or of a file."""
+    hints = (path.read_text(encoding="utf-8") for path in (ROOT / "labrig").rglob("*.py"))
+    named = {page for text in hints for page in re.findall(r"labrig manual ([a-z][\w-]*)", text)}
+    named |= {*PAGES_OF_ERRORS.values(), *(page for _, page in PAGES_OF_FILES)}
+    assert named - {place.rpartition("/")[2] for place in PAGES} == set()
 
 
 @pytest.mark.parametrize("block", YAML.values(), ids=YAML)

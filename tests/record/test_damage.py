@@ -140,8 +140,8 @@ def test_what_a_run_began_with_is_covered_before_it_ends(tmp_path: Path) -> None
     found = check_run(recorder.path)
     assert (found.damage, found.notices, found.writer is None) == ((), (), False)
     assert (found.holds["frames"], found.holds["trials_done"]) == (4, 2)
-    for file in ("protocol.yaml", "rig.yaml", "calibration/plane.json", "frames/000001.png"):
+    for file in ("protocol.yaml", "rig.yaml", "calibration/plane.json", "frames/000001.png", "states.jsonl"):
         run = killed_run(tmp_path / file.replace("/", "-"))
         assert check_run(run).damage == ()
-        (run / file).write_bytes(b"other")
+        (run / file).write_bytes(b"other\n")
         assert [problem.where for problem in check_run(run).damage] == [file]

@@ -131,12 +131,13 @@ def test_the_tables_of_the_newest_result_are_there(tmp_path: Path) -> None:
     """A row a measurement, and a row a step, in the order of trials."""
     path = closed_run(tmp_path)
     folder = new_result_dir(path)
-    (folder / "insertions.csv").write_text("trial,target_error_mm,cause\n0,0.5,'=1+1\n")
+    (folder / "insertions.csv").write_text("trial,target_error_mm,cause\n0,0.5,'=1+1\n1,,NA\n")
     for trial in (10, 2):
         (folder / f"steps-{trial}.csv").write_text("depth_mm\n1.5\n")
     finish_result(folder)
     run = open_run(path)
-    assert list(run.measurements["cause"]) == ["=1+1"]
+    assert list(run.measurements["cause"]) == ["=1+1", "NA"]
+    assert list(run.measurements["target_error_mm"].isna()) == [False, True]
     assert run.steps.to_dict("list") == {"depth_mm": [1.5, 1.5], "trial": [2, 10]}
 
 

@@ -14,6 +14,7 @@ import pytest
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.record.catalogue import list_runs
 from labrig.record.check import check_run
+from labrig.record.layout import require_name
 from labrig.record.pictures import Store
 from labrig.record.reader import open_run
 from labrig.record.writer import (
@@ -108,13 +109,14 @@ def test_runs_that_start_in_the_same_second_get_a_name_each(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    "name", ["", ".", "..", "a/b", "a\\b", "../run", ".hidden", "a\nb", "a\x00b", " a", "a" * 201]
+    "name", ["", ".", "..", "a/b", "a\\b", "../run", ".hidden", "a\nb", "a\x00b", " a", 100 * "é" + "a"]
 )
 def test_a_name_that_is_no_folder_name_is_refused(tmp_path: Path, name: str) -> None:
-    """Separators, dots in front, control characters and long names are refused before anything is made."""
+    """Separators, dots in front, control characters and more than 200 bytes are refused before anything is made."""
     with pytest.raises(InputError, match="the run name"):
         begin(tmp_path / "runs", name)
     assert not (tmp_path / "runs").exists()
+    assert require_name(100 * "é", "the run name") == 100 * "é"
 
 
 @pytest.mark.parametrize(
@@ -131,7 +133,9 @@ def test_only_pictures_are_recorded(tmp_path: Path, image: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(("store", "suffixes"), [("png", ["png", "png"]), ("pgm", ["pgm", "ppm"])])
-def test_pictures_are_lossless(tmp_path: Path, store: Store, suffixes: list[str]) -> None:
+def test_pictures_are_lossless(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], store: Store, suffixes: list[str]
+) -> None:
     """Grey and BGR pictures, also views with strides of their own, come back pixel for pixel, by any reader."""
     recorder = begin(tmp_path, store=store)
     images = [picture(0).T, picture(1, (24, 32, 3))[:, ::-1]]
@@ -144,6 +148,7 @@ def test_pictures_are_lossless(tmp_path: Path, store: Store, suffixes: list[str]
         file = recorder.path / line["file"]
         np.testing.assert_array_equal(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), image)
         assert hashlib.sha256(file.read_bytes()).hexdigest() == line["sha256"]
+    assert capfd.readouterr().err == ""  # OpenCV warns of settings that are those of another kind of file
 
 
 def test_what_cannot_be_begun_or_written_is_refused(tmp_path: Path) -> None:

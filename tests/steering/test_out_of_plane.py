@@ -123,6 +123,10 @@ def test_places_along_the_needle_vary_as_integrated_paths_do():
     assert math.sqrt(covariance[1, 1]) == pytest.approx(
         budget_out_of_plane(stretches(BACK_AND_FORTH), RADIUS_MM, settings).total_mm
     )
+    so_far = stretches((BACK_AND_FORTH[0], (12.0, *BACK_AND_FORTH[1][1:])))
+    assert math.sqrt(covariance[0, 0]) == pytest.approx(
+        budget_out_of_plane(so_far, RADIUS_MM, settings).total_mm
+    )
     turns = np.random.default_rng(8).standard_normal((DRAWS, 120)) * 0.003 * math.sqrt(STEP_MM)
     x_mm = STEP_MM * np.cumsum(np.cumsum(turns, axis=1), axis=1)[:, [39, 119]]
     wandering = covary_out_of_plane([], STRAIGHT_MM, only(0.003), at_mm)

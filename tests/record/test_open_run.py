@@ -143,7 +143,8 @@ def test_the_tables_of_the_newest_result_are_there(tmp_path: Path) -> None:
 
 def test_a_run_that_goes_on_keeps_its_time(tmp_path: Path) -> None:
     """Rig time goes on from the next whole second; devices of each session are kept."""
-    recorder = begin(tmp_path, devices={"rig": "a"})
+    recorder = begin(tmp_path, devices={"rig": "a", "kind": "real"})
+    assert open_run(recorder.path).manifest["rig"] == {"name": "a", "kind": "real"}
     recorder.state(3.2)
     recorder.close("aborted", "SIGINT", ENDED)
     again = reopen_run(recorder.path, "labrig resume")
@@ -152,7 +153,7 @@ def test_a_run_that_goes_on_keeps_its_time(tmp_path: Path) -> None:
     again.close("success", "", ENDED, devices_after={"rig": "c"})
     run = open_run(recorder.path)
     assert list(run.states["t_s"]) == [3.2, 4.5]
-    assert run.devices == {"rig": "a"}
+    assert run.devices == {"rig": "a", "kind": "real"}
     assert read_lines(run.path / "devices.jsonl")[-1]["devices"] == {"rig": "c"}
     with pytest.raises(RecordError, match="has come to its end"):
         reopen_run(recorder.path, "labrig resume")

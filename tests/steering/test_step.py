@@ -10,6 +10,7 @@ import pytest
 from labrig.steering.parameters import PAPER_POLICY, SteeringPolicy
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
+from labrig.steering.replanning import replan
 from labrig.steering.state import find_acting_mm
 from labrig.steering.step import LEAD_MM, start_steering
 from labrig.steering.tip import EstimatorSettings
@@ -114,6 +115,20 @@ def test_a_needle_halts_for_a_thorough_search(radius_mm, problem):
     assert last.refusal is not None
     assert before.sought is not None
     assert last.insertion_mm == before.run_to_mm == before.insertion_mm + LEAD_MM
+
+
+@pytest.mark.parametrize(("over_mm", "sought"), [(-0.3, None), (0.3, "schedule")])
+def test_without_a_new_path_the_old_one_will_do_for_a_while_or_if_it_can_be_corrected(over_mm, sought):
+    """For 15 mm; then up to the tolerance and 5 % of what is left, beyond which a thorough search is called for."""
+    chosen = settings()
+    states = drive(DrivenNeedle(RADIUS_MM, **PLAY), chosen).states
+    number = next(at for at, state in enumerate(states) if state.insertion_mm - state.followed_mm > 15.0)
+    miss_mm = chosen.problem.tolerance_mm + 0.05 * states[number].left_mm + over_mm
+    elsewhere = replace(chosen.problem, target_mm=(0.0, 5.0 + miss_mm, 100.0), max_length_mm=60.0)
+    before, after = (
+        replan(states[at], "schedule", replace(chosen, problem=elsewhere)) for at in (number - 1, number)
+    )
+    assert (before.sought, after.sought) == (None, sought)
 
 
 @pytest.mark.parametrize(

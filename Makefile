@@ -22,11 +22,11 @@ run: $(READY)
 	$(BIN)/labrig run protocols/steerability.yaml
 
 # Tests start labrig some hundred times: it is compiled once, also where the environment forbids that. The tests of a file
-# stay together: what they share, such as a sweep, is made once.
+# stay together: what they share, such as a sweep, is made once. Each process takes twelve seconds to collect all tests.
 test: $(READY)
 	$(BIN)/ruff check --quiet .
 	$(BIN)/ruff format --check --quiet .
-	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile -m "not slow" $(COVERAGE)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(COVERAGE)
 
 check: $(READY)
 	$(BIN)/mypy
@@ -34,7 +34,7 @@ check: $(READY)
 	$(BIN)/deptry .
 
 test-slow: $(READY) $(OUTSIDE)
-	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 3 --dist loadfile -m slow $(COVERAGE)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n 2 --dist loadfile -m slow $(COVERAGE)
 
 test-random: SEED ?= $(shell date +%s)
 test-random: $(READY)

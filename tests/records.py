@@ -110,13 +110,9 @@ def labrig(*arguments: str) -> None:
 
 
 RECORDS: dict[str, Callable[[], None]] = {
-    "camera-calibration": make_calibration,
-    "steerability": make_steerability,
-    "roll-zero": make_roll_zero,
-    "insertion": make_insertion,
-    "design": make_design,
-    "import": make_import,
-}
+    "camera-calibration": make_calibration, "steerability": make_steerability, "roll-zero": make_roll_zero,
+    "insertion": make_insertion, "design": make_design, "import": make_import,
+}  # fmt: skip
 
 if __name__ == "__main__":
     main()

@@ -10,13 +10,7 @@ from labrig.devices.opening import Opening
 from labrig.devices.operator import ConfirmFaultReset, ConfirmHere
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
-from labrig.errors import (
-    DriveError,
-    DriveFaultError,
-    InputError,
-    LimitError,
-    SafetyStopError,
-)
+from labrig.errors import DriveError, DriveFaultError, InputError, LimitError, SafetyStopError
 from labrig.library.commissioning import home_axes, jog
 from tests.devices import epos2_places as od
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig

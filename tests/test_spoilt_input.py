@@ -149,21 +149,12 @@ def test_a_spoilt_file_is_read_or_refused(
 @pytest.mark.parametrize(
     "words",
     [
-        "runs check RUN",
-        "runs --runs-dir RUNS --where trials_done>0",
-        "runs show RUN",
-        "runs annotate RUN --tag x",
-        "resume RUN --rig RIG",
-        "calibrate adopt RUN --rig RIG",
-        "devices withdraw --run RUN --rig RIG",
-        "report RUN",
-        "reanalyze RUN",
-        "replay RUN",
-        "compare RUN --out OUT",
-        "export RUN --format csv --out OUT",
-        "export RUN --format record --out OUT",
+        "runs check RUN", "runs --runs-dir RUNS --where trials_done>0", "runs show RUN",
+        "runs annotate RUN --tag x", "resume RUN --rig RIG", "calibrate adopt RUN --rig RIG",
+        "devices withdraw --run RUN --rig RIG", "report RUN", "reanalyze RUN", "replay RUN",
+        "compare RUN --out OUT", "export RUN --format csv --out OUT", "export RUN --format record --out OUT",
     ],
-)
+)  # fmt: skip
 @settings(MANY, max_examples=8)
 @given(seed=SEEDS)
 def test_a_spoilt_record_is_read_or_refused(words: str, seed: int, labrig: Labrig, tmp_path: Path) -> None:

@@ -140,12 +140,8 @@ def _install(environment: Path, *wheels: Path) -> None:
     (site / "dependencies.pth").write_text(str(dependencies), encoding="utf-8")
     pip = [sys.executable, "-m", "pip", "--python", str(environment / "bin" / "python"), "install", "--quiet"]
     offline = [
-        "--no-deps",
-        "--no-index",
-        "--no-build-isolation",
-        "--no-compile",
-        "--disable-pip-version-check",
-    ]
+        "--no-deps", "--no-index", "--no-build-isolation", "--no-compile", "--disable-pip-version-check",
+    ]  # fmt: skip
     subprocess.run([*pip, *offline, *wheels], check=True, timeout=300)
 
 

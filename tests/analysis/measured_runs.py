@@ -40,13 +40,9 @@ def write_measured_run(
     """
     calibration = {"intrinsics.json": b'{"fx": 1.0}', "plane.json": plane}
     manifest = {
-        "experiment": "import",
-        "started": STARTED,
-        "title": name,
-        "trials_planned": 3,
-        "seed": 7,
+        "experiment": "import", "started": STARTED, "title": name, "trials_planned": 3, "seed": 7,
         "rig": {"kind": rig},
-    }
+    }  # fmt: skip
     blocks = ", ".join(f'{{block: {{name: "{specimen}"}}}}' for specimen in with_file)
     protocol += f"specimens: [{blocks}]\n" if with_file else ""
     files = opening_files(PROTOCOL_YAML + protocol, None, calibration)

@@ -73,11 +73,8 @@ def create_record(folder: Path, name: str, text: str, plane: Path | None, **mani
     protocol = load_text(f"schema_version: 1\n{text}")
     files = opening_files(dump_yaml(protocol), None, {"plane.json": plane} if plane else {})
     told = {
-        "experiment": protocol.experiment,
-        "title": protocol.title,
-        "started": NOW,
-        "provenance": PROVENANCE,
-    }
+        "experiment": protocol.experiment, "title": protocol.title, "started": NOW, "provenance": PROVENANCE,
+    }  # fmt: skip
     return Recorder.create(folder, name, {**told, **manifest}, files)
 
 

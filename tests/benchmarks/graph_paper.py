@@ -103,13 +103,9 @@ def measure_sheet(number: int) -> dict[str, float | str | None]:
     scale = "{:g}-{:g} px/mm".format(*BANDS[band])
     reason = "".join(letter for letter in reason if not letter.isdigit())[:90]
     return {
-        "scale": scale,
-        "ruling": f"{ruling} mm",
-        "verdict": verdict,
-        "error": error,
-        "s": time_s,
+        "scale": scale, "ruling": f"{ruling} mm", "verdict": verdict, "error": error, "s": time_s,
         "reason": reason,
-    }
+    }  # fmt: skip
 
 
 def print_table() -> None:

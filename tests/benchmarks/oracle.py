@@ -45,14 +45,11 @@ def _step_forward(states: NDArray[np.float64], step: float) -> NDArray[np.float6
     middle = heading + sign * STEP_RAD / 2
     return np.stack(
         (
-            y + step * np.sin(middle),
-            z + step * np.cos(middle),
-            heading + sign * STEP_RAD,
-            length + step,
+            y + step * np.sin(middle), z + step * np.cos(middle), heading + sign * STEP_RAD, length + step,
             sign,
         ),
         axis=1,
-    )
+    )  # fmt: skip
 
 
 def _find_allowed(

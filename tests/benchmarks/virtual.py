@@ -42,10 +42,8 @@ _PAPER = (
     "planner.method=paper", "estimator.method=paper", "estimator.radius_sd_mm=0", "estimator.cavity_every_mm=null",
 )  # fmt: skip
 POLICIES: Mapping[str, tuple[str, ...]] = {
-    "default": (),
-    "every 20 mm": _EVERY_20_MM,
-    "paper": (*_EVERY_20_MM, *_PAPER),
-}
+    "default": (), "every 20 mm": _EVERY_20_MM, "paper": (*_EVERY_20_MM, *_PAPER),
+}  # fmt: skip
 """Settings of protocols/insertion.yaml by the name of the policy."""
 WANDERS_DEG = (0.05, 0.2, 0.3, 0.5)
 
@@ -124,10 +122,8 @@ def print_wandering() -> None:
             seeds = range(740_000, 740_000 + INSERTIONS)
             ends = list(pool.map(partial(end_wandering, wanders_deg), seeds))
             counts = (
-                sum(beyond for _, beyond in ends),
-                sum(said for said, _ in ends),
-                ends.count((True, True)),
-            )
+                sum(beyond for _, beyond in ends), sum(said for said, _ in ends), ends.count((True, True)),
+            )  # fmt: skip
             rows.append([f"{wanders_deg:g}", len(ends), *counts])
     heads = ("wanders, deg / mm^0.5", "insertions", "truly beyond", "say success", "false successes")
     print_rows(heads, rows)

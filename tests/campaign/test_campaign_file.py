@@ -251,16 +251,10 @@ def test_a_campaign_leaves_the_state_of_a_rig_and_its_person_alone(tmp_path: Pat
 
 SHORT = {"target.position_mm": [0, 1, 30], "obstacles": []}
 OF_PICTURES: dict[str, object] = {
-    "rig.world.noise_sd": 18,
-    "rig.world.blur_px": 0.1,
-    "rig.world.light.level": 90,
-    "rig.world.light.glint": 0,
-    "rig.world.bubbles_per_specimen": 0,
-    "rig.world.needle.bevel_deg": 20,
-    "rig.world.needle.link_mm": 5,
-    "rig.recording.fsync_period_s": 2,
-    "rig.camera.exposure_us": 4000,
-}
+    "rig.world.noise_sd": 18, "rig.world.blur_px": 0.1, "rig.world.light.level": 90,
+    "rig.world.light.glint": 0, "rig.world.bubbles_per_specimen": 0, "rig.world.needle.bevel_deg": 20,
+    "rig.world.needle.link_mm": 5, "rig.recording.fsync_period_s": 2, "rig.camera.exposure_us": 4000,
+}  # fmt: skip
 COUNTED: dict[str, object] = {
     "rig.world.needle.backlash_mm": 3,
     "rig.world.sheath.angle_play_sd_deg": 3,

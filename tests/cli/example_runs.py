@@ -23,12 +23,9 @@ SHORTENED: Mapping[str, tuple[str, ...]] = {
     "design": ("grid_points=3",),
 }  # fmt: skip
 _TO_CALIBRATE = (
-    *SMALL_CAMERA,
-    "world.noise_sd=0",
-    "camera.distance_mm=63",
-    "calibration.plane=null",
+    *SMALL_CAMERA, "world.noise_sd=0", "camera.distance_mm=63", "calibration.plane=null",
     "calibration.intrinsics=null",
-)
+)  # fmt: skip
 
 
 def of_protocol(name: str) -> tuple[object, ...]:

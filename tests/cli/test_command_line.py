@@ -37,18 +37,8 @@ from labrig.runner.whole_run import FinishedRun, finish
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 
 HEAVY = {
-    "numpy",
-    "cv2",
-    "pandas",
-    "scipy",
-    "matplotlib",
-    "rerun",
-    "can",
-    "canopen",
-    "ruamel",
-    "rich",
-    "pydantic",
-}
+    "numpy", "cv2", "pandas", "scipy", "matplotlib", "rerun", "can", "canopen", "ruamel", "rich", "pydantic",
+}  # fmt: skip
 HEAVY |= {"labrig.experiments", "labrig.runner"}
 MOST_COMMANDS, MOST_OPTIONS = 35, 150
 
@@ -85,40 +75,35 @@ def test_help_names_every_command_and_fits_the_terminal(
     assert "labrig run steerability" in " ".join(text.split())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "unneeded"),
-    [
-        (["--help"], HEAVY),
-        (["manual"], HEAVY - {"pydantic"}),
-        (["runs"], HEAVY - {"pydantic"}),
-        (["check", str(SWEEP), "--rig", str(RIG)], {"matplotlib", "jinja2", "rerun"}),
-    ],
-)
-def test_help_and_lists_load_no_heavy_package(arguments: list[str], unneeded: set[str]) -> None:
+LIGHT: list[tuple[list[str], set[str]]] = [
+    (["--help"], HEAVY),
+    (["manual"], HEAVY - {"pydantic"}),
+    (["runs"], HEAVY - {"pydantic"}),
+    (["check", str(SWEEP), "--rig", str(RIG)], {"matplotlib", "jinja2", "rerun"}),
+]
+"""Command lines, and what none of them or of those before it has loaded."""
+
+
+def test_help_and_lists_load_no_heavy_package() -> None:
     """Help and lists import no numpy, OpenCV or pandas; a check draws nothing."""
-    code = (
-        "import sys, io, contextlib\n"
-        "from labrig.cli.main import run_command\n"
+    code = "import sys, io, contextlib\nfrom labrig.cli.main import run_command\n" + "\n".join(
         f"with contextlib.redirect_stdout(io.StringIO()): run_command({arguments!r})\n"
-        f"print({unneeded!r} & set(sys.modules))"
+        f"print({arguments[0]!r}, {unneeded!r} & set(sys.modules))"
+        for arguments, unneeded in LIGHT
     )
     environment = {**os.environ, RUNS_DIR_VARIABLE: str(ROOT / "tests" / "records")}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
-    )
-    assert done.stdout == "set()\n"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert done.stdout.splitlines() == [f"{arguments[0]} set()" for arguments, _ in LIGHT]
 
 
 @pytest.mark.parametrize(
     ("line", "completed"),
     [
-        ("labrig resu", ["resume"]),
-        ("labrig resume --li", ["--live"]),
-        ("labrig runs sh", ["show"]),
-        ("labrig resume ", ["last", "b", "a"]),
-        ("labrig run proto", []),
+        ("labrig resu", ["resume"]), ("labrig resume --li", ["--live"]), ("labrig runs sh", ["show"]),
+        ("labrig resume ", ["last", "b", "a"]), ("labrig run proto", []),
     ],
-)
+)  # fmt: skip
 def test_commands_options_and_runs_are_completed(
     line: str, completed: list[str], labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,13 +248,10 @@ def test_a_fault_of_bus_or_drive_has_its_name_and_code_in_json(
 @pytest.mark.parametrize(
     ("result", "exit_code"),
     [
-        ({"reached": True}, 0),
-        ({"reached": False}, 1),
-        ({"reached": None}, 1),
-        ({"accepted": False}, 1),
+        ({"reached": True}, 0), ({"reached": False}, 1), ({"reached": None}, 1), ({"accepted": False}, 1),
         ({}, 0),
     ],
-)
+)  # fmt: skip
 def test_only_a_result_that_says_yes_ends_with_zero(
     result: dict[str, object], exit_code: int, tmp_path: Path
 ) -> None:

@@ -159,11 +159,8 @@ def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench:
     done = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig, "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
     told = (
-        "0x3220",
-        "have lost their positions",
-        "insertion to 0.5 mm; rotation to 0.0 rad",
-        "Confirm that no",
-    )
+        "0x3220", "have lost their positions", "insertion to 0.5 mm; rotation to 0.0 rad", "Confirm that no",
+    )  # fmt: skip
     assert [words for words in told if words not in done.err] == []
     assert (at_bench.state()["needle_in_tissue"], at_bench.state()["referenced"]) == (False, [])
     assert [round(at_bench.shaft_mm(node), 1) for node in (1, 3)] == [-1.0, -1.0]
@@ -198,11 +195,8 @@ def crash(rig_file: Path, runs_dir: Path) -> None:
         session.record(TrialStart(trial=0))
         rig.needle.mark_in_tissue(recorder.run_name)
         path = (
-            ("linear", 0.5, 5.0),
-            ("insertion", 0.5, 5.0),
-            ("rotation", 0.3, 1.0),
-            ("insertion", 0.8, 5.0),
-        )
+            ("linear", 0.5, 5.0), ("insertion", 0.5, 5.0), ("rotation", 0.3, 1.0), ("insertion", 0.8, 5.0),
+        )  # fmt: skip
         for axis, position, speed in path:
             session.move(axis, position, session.axis(axis).nearest_speed(speed))
         rig.axis("insertion").start_move(40.0, 1.0)

@@ -99,11 +99,8 @@ def test_the_answer_is_that_of_table_1_and_of_our_search(
     assert design.beta_cut_deg == found["beta_cut_deg"]
     assert (design.radius_low_mm, design.radius_high_mm) == (tolerance["low_mm"], tolerance["high_mm"])
     assert (run.damage, (run.path / "rig.yaml").exists(), len(run.pictures), run.devices) == (
-        (),
-        False,
-        0,
-        {},
-    )
+        (), False, 0, {},
+    )  # fmt: skip
     assert list(run.events["kind"]) == ["run_start", "run_stop"]
     print_summary(summarise(found))
     text = capsys.readouterr().out

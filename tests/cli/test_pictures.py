@@ -37,11 +37,9 @@ GOOD = RUN / "frames" / "000003.png"
 """An inserted needle."""
 
 UNREADABLE = {
-    "16 bits": "not 8 bits",
-    "turned by EXIF": "is to be shown turned",
-    "truncated": "is truncated, damaged",
+    "16 bits": "not 8 bits", "turned by EXIF": "is to be shown turned", "truncated": "is truncated, damaged",
     "no picture": "no picture",
-}
+}  # fmt: skip
 """What a file is, and what is said of it wherever it is read."""
 UNMEASURABLE = {
     "wrong size": ("176 x 112 pixels, the plane map is for 352 x 224",) * 2,
@@ -165,14 +163,9 @@ def test_a_template_of_one_frame_finds_the_tips_of_others(labrig: Labrig, tmp_pa
         ]
     u, v = tips[0]["tip_px"]
     beside = (
-        "measure",
-        "tip",
-        FINALS[0],
-        *asked,
-        "--heading-deg",
-        math.degrees(tips[0]["heading_rad"]),
+        "measure", "tip", FINALS[0], *asked, "--heading-deg", math.degrees(tips[0]["heading_rad"]),
         "--near-px",
-    )
+    )  # fmt: skip
     assert labrig(*beside, u + 6, v - 5).json()[0]["tip_px"] == pytest.approx([u, v], abs=0.2)
     far = labrig(*beside, 40, 200)
     assert (far.exit_code, far.json()[0]["tip_px"], bool(far.json()[0]["reason"])) == (1, None, True)
@@ -318,11 +311,8 @@ def test_a_picture_of_something_else_gives_no_map(
     done = labrig("calibrate", "plane", picture, *FRAME, "--px-per-mm", 8, "--out", out, "--json")
     document = done.json()
     assert (done.exit_code, document["accepted"], document["mm_per_px"], out.exists()) == (
-        1,
-        False,
-        None,
-        False,
-    )
+        1, False, None, False,
+    )  # fmt: skip
     assert "graph paper" in done.err.partition("hint: ")[2]
 
 

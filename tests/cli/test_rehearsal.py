@@ -58,9 +58,7 @@ def agree(question: str) -> str:
 
 
 def run_at_terminal(
-    *arguments: object,
-    answer: Callable[[str], str] = agree,
-    press: Callable[[str], str] = lambda _shown: "",
+    *arguments: object, answer: Callable[[str], str] = agree, press: Callable[[str], str] = lambda _shown: ""
 ) -> Ended:
     """Run a labrig in a terminal of its own.
 
@@ -203,11 +201,8 @@ def test_a_gel_is_made_with_a_pause_a_skip_a_repetition_and_an_undo(labrig: Labr
     assert [group["trials"] for group in result["specimens"]] == [2]
     page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
     told = (
-        "Trial 2 was skipped.",
-        "Trial 1 was to be made again",
-        "Taken back: the repetition.",
-        "by Ctrl+C.",
-    )
+        "Trial 2 was skipped.", "Trial 1 was to be made again", "Taken back: the repetition.", "by Ctrl+C.",
+    )  # fmt: skip
     assert [words for words in (*told, "bubbles at the wall") if words not in page] == []
 
 

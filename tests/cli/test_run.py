@@ -95,13 +95,9 @@ def test_a_rig_has_a_mask_that_every_run_keeps_and_uses(labrig: Labrig, tmp_path
     folder = Path(shutil.copytree(RIG.parent, tmp_path / "calibration"))
     cv2.imwrite(str(folder / "clamp.png"), np.full((224, 352), 255, np.uint8))
     at = (
-        "--rig",
-        folder / RIG.name,
-        "--set",
-        "rig.calibration.mask=clamp.png",
-        "--runs-dir",
+        "--rig", folder / RIG.name, "--set", "rig.calibration.mask=clamp.png", "--runs-dir",
         tmp_path / "runs",
-    )
+    )  # fmt: skip
     run = Path(labrig("run", SWEEP, *SMALL_SWEEP, *ONE, *at, "--json").json()["run"])
     assert (run / "calibration" / "mask.png").read_bytes() == (folder / "clamp.png").read_bytes()
     result = json.loads((run / "analysis" / "001" / "result.json").read_text())
@@ -313,13 +309,10 @@ def test_the_axes_stop_and_the_record_says_why(labrig: Labrig, tmp_path: Path) -
 @pytest.mark.parametrize(
     "line",
     [
-        "runs annotate open --tag pilot",
-        "runs annotate closed --note cloudy",
-        "reanalyze closed",
-        "report closed",
-        "export closed --format csv --out tables",
+        "runs annotate open --tag pilot", "runs annotate closed --note cloudy", "reanalyze closed",
+        "report closed", "export closed --format csv --out tables",
     ],
-)
+)  # fmt: skip
 def test_a_command_on_a_full_disk_says_so_and_changes_nothing(
     line: str, labrig: Labrig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

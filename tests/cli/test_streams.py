@@ -29,14 +29,10 @@ def _shell(command: str, **environment: str) -> subprocess.CompletedProcess[str]
 @pytest.mark.parametrize(
     ("module", "redirection"),
     [
-        ("labrig.errors", ""),
-        ("labrig.cli.signals", ""),
-        ("labrig.cli.main", ""),
-        ("typer", ""),
-        ("typer", ">/dev/full"),
-        ("typer", "2>&-"),
+        ("labrig.errors", ""), ("labrig.cli.signals", ""), ("labrig.cli.main", ""), ("typer", ""),
+        ("typer", ">/dev/full"), ("typer", "2>&-"),
     ],
-)
+)  # fmt: skip
 def test_an_import_that_fails_at_the_start_is_reported_as_a_bug(
     module: str, redirection: str, tmp_path: Path
 ) -> None:
@@ -183,18 +179,11 @@ def test_what_is_printed_fits_the_terminal(columns: int, tmp_path: Path) -> None
     )
     listing = (
         [
-            "runs",
-            "annotate",
-            run,
-            "--tag",
-            "pilot",
-            "--tag",
-            "a tag of several words",
-            "--verdict",
+            "runs", "annotate", run, "--tag", "pilot", "--tag", "a tag of several words", "--verdict",
             "doubtful",
         ],
         ["runs", "--runs-dir", str(tmp_path)],
-    )
+    )  # fmt: skip
     checking = (["check", str(SWEEP), "--rig", str(RIG), "--set", "insertion.length_mm=500"],)
     code = "from labrig.cli.main import run_command\nfor words in {!r}: run_command(words)"
     listed, checked = (_show(columns, code.format(words), "dumb") for words in (listing, checking))

@@ -81,14 +81,11 @@ UNNOTICED = FaultOutcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE)
 
 
 _ONLY_FAULT: dict[type[LabrigError], tuple[str, int]] = {
-    BusError: ("bus-lost", 0x8100),
-    BusPassiveError: ("error-passive", 0x8120),
-    BusOffError: ("bus-off", 0x81FD),
-    DriveRestartedError: ("boot-up", 0),
-    DriveRefusedError: ("sdo-abort", 0x08000022),
-    SecondMasterError: ("second-master", 0),
+    BusError: ("bus-lost", 0x8100), BusPassiveError: ("error-passive", 0x8120),
+    BusOffError: ("bus-off", 0x81FD), DriveRestartedError: ("boot-up", 0),
+    DriveRefusedError: ("sdo-abort", 0x08000022), SecondMasterError: ("second-master", 0),
     DriveStrayedError: ("strayed", 0),
-}
+}  # fmt: skip
 _HEARTBEAT_LOST, _NO_ANSWER = ("heartbeat-lost", 0x8130), ("no-answer", 0x05040000)
 
 

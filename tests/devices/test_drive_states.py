@@ -43,17 +43,12 @@ def test_bits_that_name_no_state_do_not_matter() -> None:
 @pytest.mark.parametrize(
     ("statusword", "state"),
     [
-        (0x0000, DriveState.NOT_READY),
-        (0x0250, DriveState.SWITCH_ON_DISABLED),
-        (0x0231, DriveState.READY_TO_SWITCH_ON),
-        (0x0633, DriveState.SWITCHED_ON),
-        (0xC737, DriveState.OPERATION_ENABLED),
-        (0x0317, DriveState.QUICK_STOP_ACTIVE),
-        (0x003F, DriveState.FAULT_REACTION),
-        (0x0638, DriveState.FAULT),
-        (0x0001, DriveState.UNKNOWN),
+        (0x0000, DriveState.NOT_READY), (0x0250, DriveState.SWITCH_ON_DISABLED),
+        (0x0231, DriveState.READY_TO_SWITCH_ON), (0x0633, DriveState.SWITCHED_ON),
+        (0xC737, DriveState.OPERATION_ENABLED), (0x0317, DriveState.QUICK_STOP_ACTIVE),
+        (0x003F, DriveState.FAULT_REACTION), (0x0638, DriveState.FAULT), (0x0001, DriveState.UNKNOWN),
     ],
-)
+)  # fmt: skip
 def test_statuswords_of_running_drives_are_understood(statusword: int, state: DriveState) -> None:
     """Those of an EPOS2 and of an EPOS4, with remote, target reached and referenced set."""
     assert decode_state(statusword) is state

@@ -191,13 +191,10 @@ def test_an_axis_on_its_profile_raises_no_alarm(t_s: float, late_s: float) -> No
 @pytest.mark.parametrize(
     ("t_s", "position"),
     [
-        (0.5, -3 * WINDOW),
-        (3.0, _on_profile(3.0) + LAG + 0.3),
-        (3.0, _on_profile(3.0) - LAG - 0.3),
-        (9.0, 24.0 + 3 * WINDOW),
-        (9.0, 24.0 - LAG - WINDOW),
+        (0.5, -3 * WINDOW), (3.0, _on_profile(3.0) + LAG + 0.3), (3.0, _on_profile(3.0) - LAG - 0.3),
+        (9.0, 24.0 + 3 * WINDOW), (9.0, 24.0 - LAG - WINDOW),
     ],
-)
+)  # fmt: skip
 def test_an_axis_beside_its_profile_has_strayed(t_s: float, position: float) -> None:
     """Behind its start, ahead, behind, beyond its target, short of it; the message says where it should be and is."""
     told = _tell(MOVE, position, start_s=t_s)

@@ -71,12 +71,9 @@ def test_an_outside_client_drives_the_simulated_drive() -> None:
         )
     assert done.stderr == ""
     assert json.loads(done.stdout) == {
-        "vendor": 0xFB,
-        "position": 20_000,
-        "noSuchObject": 0x06020000,
-        "tooLow": 0x06090032,
+        "vendor": 0xFB, "position": 20_000, "noSuchObject": 0x06020000, "tooLow": 0x06090032,
         "emergency": 0xFF09,
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.slow

@@ -30,14 +30,9 @@ def sweep_in(root: Path, gel: str) -> Path:
 def make_track(place_mm: float = 0.0, **changed: object) -> SpecimenTrack:
     """Return a track of a sheath of 2 mm."""
     values: dict[str, object] = {
-        "run": "earlier",
-        "trial": 0,
-        "hole": 0,
-        "hole_position_mm": place_mm,
-        "needle_id": "N1",
-        "sheath_diameter_mm": 2.0,
-        "age_h": 24.0,
-    }
+        "run": "earlier", "trial": 0, "hole": 0, "hole_position_mm": place_mm, "needle_id": "N1",
+        "sheath_diameter_mm": 2.0, "age_h": 24.0,
+    }  # fmt: skip
     return SpecimenTrack.model_validate({**values, **changed})
 
 

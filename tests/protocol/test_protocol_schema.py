@@ -14,14 +14,9 @@ from labrig.protocol.specimen_file import specimen_schema
 COMMITTED = Path(__file__).parents[2] / "protocols" / "protocol.schema.json"
 
 SUFFIX_UNITS = {
-    "_deg_per_root_mm": "[deg / mm^0.5]",
-    "_per_mm": "millimetre",
-    "_mm_s": "[mm/s]",
-    "px_per_mm": "[px/mm]",
-    "_mm": "[mm]",
-    "_rad": "[rad]",
-    "_px": "[px]",
-}
+    "_deg_per_root_mm": "[deg / mm^0.5]", "_per_mm": "millimetre", "_mm_s": "[mm/s]", "px_per_mm": "[px/mm]",
+    "_mm": "[mm]", "_rad": "[rad]", "_px": "[px]",
+}  # fmt: skip
 
 
 def every_property(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

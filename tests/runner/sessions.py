@@ -29,11 +29,8 @@ from tests.devices.rigs import OpenedRig, large_rig, opened_rig, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 SHORT_WAY = (
-    "sheath.depth_mm=2",
-    "analysis.window_start_mm=0",
-    "analysis.window_end_mm=0",
-    "analysis.min_window_mm=5",
-)
+    "sheath.depth_mm=2", "analysis.window_start_mm=0", "analysis.window_end_mm=0", "analysis.min_window_mm=5",
+)  # fmt: skip
 """What lets a sweep insert a few mm."""
 ONE_INSERTION = ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]")
 

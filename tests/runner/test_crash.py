@@ -120,11 +120,8 @@ def _resume(path: Path, name: str) -> None:
 
 
 KILLED = {
-    "steerability": SHARES,
-    "insertion": SHARES[1::2],
-    "roll-zero": SHARES[1:3],
-    "calibration": SHARES[1:3],
-}
+    "steerability": SHARES, "insertion": SHARES[1::2], "roll-zero": SHARES[1:3], "calibration": SHARES[1:3],
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

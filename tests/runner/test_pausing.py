@@ -19,15 +19,10 @@ from labrig.runner.trials import is_lost
 from tests.runner.sessions import Told, bench, sweep
 
 SHORT = (
-    "insertions_per_specimen=2",
-    "sheath.speed_mm_s=15",
-    "insertion.length_mm=5",
-    "insertion.speed_mm_s=5",
-    "insertion.withdraw_speed_mm_s=5",
-    "analysis.window_start_mm=0.5",
-    "analysis.window_end_mm=0.5",
+    "insertions_per_specimen=2", "sheath.speed_mm_s=15", "insertion.length_mm=5", "insertion.speed_mm_s=5",
+    "insertion.withdraw_speed_mm_s=5", "analysis.window_start_mm=0.5", "analysis.window_end_mm=0.5",
     "analysis.min_window_mm=2",
-)
+)  # fmt: skip
 SPARSE = ("recording.state_rate_hz=2", "can.heartbeat={period_ms: 250, timeout_ms: 1250}")
 GO_ON = Answer(confirmed=True, note="c")
 

@@ -86,11 +86,8 @@ def test_a_current_above_that_of_the_rig_file_is_named_with_both() -> None:
 def test_a_bench_is_taken_to_have_the_markers_that_a_protocol_follows() -> None:
     """Nobody knows before a run whether they are seen: they refuse nothing, and the insertion is planned to its end."""
     bound = (
-        "target.position_mm=[0,2,20]",
-        "obstacles=[]",
-        "insertion.max_length_mm=30",
-        "target.marker_id=7",
-    )
+        "target.position_mm=[0,2,20]", "obstacles=[]", "insertion.max_length_mm=30", "target.marker_id=7",
+    )  # fmt: skip
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*bound, "markers={side_mm: 6}"])
     without = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, list(bound[:3]))
     rig = large_rig().model_copy(update={"world": None})

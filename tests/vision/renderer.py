@@ -23,11 +23,9 @@ Picture = NDArray[np.uint8]
 Grid = NDArray[Any]
 
 FRAMES = {
-    "right": ((0.0, -1.0), (1.0, 0.0)),
-    "down": ((1.0, 0.0), (0.0, 1.0)),
-    "left": ((0.0, 1.0), (-1.0, 0.0)),
+    "right": ((0.0, -1.0), (1.0, 0.0)), "down": ((1.0, 0.0), (0.0, 1.0)), "left": ((0.0, 1.0), (-1.0, 0.0)),
     "up": ((-1.0, 0.0), (0.0, -1.0)),
-}
+}  # fmt: skip
 """Where (right, down) lies in (y, z) for each direction of the insertion, as rows y and z."""
 
 
@@ -189,21 +187,15 @@ class Photo:
 
 
 RULINGS: dict[str, tuple[tuple[float, int], ...]] = {
-    "1/5/10": ((1.0, 0), (5.0, 1), (10.0, 2)),
-    "1/5": ((1.0, 0), (5.0, 1)),
-    "1/10": ((1.0, 0), (10.0, 2)),
-    "2": ((2.0, 0),),
-    "1": ((1.0, 0),),
-    "5": ((5.0, 1),),
-}
+    "1/5/10": ((1.0, 0), (5.0, 1), (10.0, 2)), "1/5": ((1.0, 0), (5.0, 1)), "1/10": ((1.0, 0), (10.0, 2)),
+    "2": ((2.0, 0),), "1": ((1.0, 0),), "5": ((5.0, 1),),
+}  # fmt: skip
 """Distances between lines [mm], the finest first, and how heavy these are: the steps of width and ink."""
 WIDER, DARKER = (1.0, 1.7, 2.4), (1.0, 1.2, 1.4)
 INKS = {
-    "blue": (0.92, 0.60, 0.35),
-    "orange": (0.30, 0.60, 0.97),
-    "green": (0.45, 0.85, 0.40),
+    "blue": (0.92, 0.60, 0.35), "orange": (0.30, 0.60, 0.97), "green": (0.45, 0.85, 0.40),
     "grey": (0.45, 0.45, 0.45),
-}
+}  # fmt: skip
 """What a full line leaves of blue, green and red."""
 PAPERS = {"white": (235.0, 235.0, 235.0), "cream": (200.0, 225.0, 235.0)}
 
@@ -409,12 +401,9 @@ class Needle:
         on = np.arctan2(k * a, 1.0 - k * c) / k
         across = (1.0 - np.hypot(k * a, 1.0 - k * c)) / k
         return (
-            pixels,
-            s[index] + on,
-            across,
-            angle + k * on + 0.5 * np.pi,
+            pixels, s[index] + on, across, angle + k * on + 0.5 * np.pi,
             s[-1] + min(self.length_mm - 1.0, 0.0),
-        )
+        )  # fmt: skip
 
     def _shine(self, aside: FloatArray, normal: FloatArray) -> FloatArray:
         """Return what the lamp adds to a cylinder's surface (Lambert's cosine law, and Blinn's glint)."""

@@ -103,10 +103,8 @@ def test_several_variations_of_a_group_add_their_squares():
     plane = EXACT.change(variations=tuple(Variation(homography=shift, group="plane") for shift in shifts))
     here = EXACT.to_mm([(50.0, 60.0)])[0]
     assert propagate_map(plane, [(50.0, 60.0)], lambda places: places[0] - here) == {
-        "lens": None,
-        "plane": pytest.approx(5.0),
-        "surface": None,
-    }
+        "lens": None, "plane": pytest.approx(5.0), "surface": None,
+    }  # fmt: skip
 
 
 def test_a_distance_has_the_part_of_a_shift_along_it_and_drift_is_a_part_of_the_plane():
@@ -127,10 +125,8 @@ def test_roll_out_of_the_plane_is_added_where_it_is_known():
     """
     none, stated = (SETTINGS.model_copy(update={"roll_sd_deg": roll}) for roll in (0.0, 4.0))
     without, known, unknown = (
-        measure(NEEDLE, none, FAR),
-        measure(NEEDLE, stated, FAR),
-        measure(NEEDLE, stated),
-    )
+        measure(NEEDLE, none, FAR), measure(NEEDLE, stated, FAR), measure(NEEDLE, stated),
+    )  # fmt: skip
     assert known.radius_budget_mm.roll > without.radius_budget_mm.roll == 0.0
     assert known.tip_budget_mm.roll < 0.001
     assert unknown.radius_budget_mm.roll is None

@@ -66,7 +66,8 @@ def test_truth_is_compared_where_there_is_one(tmp_path: Path) -> None:
 
 def test_insertions_that_missed_are_counted_with_their_causes() -> None:
     """Successful repetitions are counted, and the others by cause."""
-    content = analyse_recorded("repetitions=2", "target.tolerance_mm=0.001")
+    near = ("target.position_mm=[0,-2,20]", "obstacles=[]")
+    content = analyse_recorded("repetitions=2", "target.tolerance_mm=0.001", *near)
     assert (content.made, content.arrived, content.reached) == (2, 0, False)
     assert content.causes == {"target_missed": 2}
     assert content.target_error_mm == max(insertion.target_error_mm or 0 for insertion in content.insertions)

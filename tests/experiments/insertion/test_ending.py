@@ -15,7 +15,8 @@ from labrig.steering.out_of_plane import OutOfPlaneBudget, budget_out_of_plane
 from tests.experiments.insertion.recorded import analyse_recorded, record_insertion
 from tests.experiments.insertion.test_procedure import analyse, events, insertion
 
-SURE, UNSURE, ELSEWHERE = (), ("out_of_plane.heading_sd_deg_per_root_mm=1",), ("target.sd_mm=1.5",)
+SURE, UNSURE = (), ("out_of_plane.heading_sd_deg_per_root_mm=1",)
+ELSEWHERE = ("target.sd_mm=1.5", "target.position_mm=[0,-2,20]", "obstacles=[]")
 
 
 def seen_at(y_mm: float, sd_mm: float = 0.1) -> SeenEnd:

@@ -27,11 +27,7 @@ from labrig.devices.operator import (
     PickPixel,
     PickTarget,
 )
-from labrig.errors import (
-    SafetyStopError,
-    TargetMissedError,
-    TrialsFailedError,
-)
+from labrig.errors import SafetyStopError, TargetMissedError, TrialsFailedError
 from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.experiments.insertion.ending import UNSURE_STOPS
 from labrig.experiments.insertion.protocol import InsertionProtocol
@@ -52,13 +48,9 @@ from tests.runner.test_pausing import Asks, require_identical
 Words = tuple[str, ...]
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
 FROM_THE_BEGINNING = (
-    "target.position_mm=[0,-3,25]",
-    "obstacles=[]",
-    "roll_zero.rolls=4",
-    "roll_zero.length_mm=12",
-    "insertion.frame_every_mm=3",
-    "sheath.speed_mm_s=15",
-)
+    "target.position_mm=[0,-3,25]", "obstacles=[]", "roll_zero.rolls=4", "roll_zero.length_mm=12",
+    "insertion.frame_every_mm=3", "sheath.speed_mm_s=15",
+)  # fmt: skip
 """A short insertion that first finds the roll zero; a record that begins so can be replayed."""
 LOSES = ("policy.most_misses=3", "sheath.origin=null")
 EVEN = (

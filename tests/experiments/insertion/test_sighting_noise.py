@@ -8,12 +8,9 @@ from labrig.experiments.insertion.result import describe_sighting_noise
 from tests.experiments.insertion.recorded import analyse_recorded
 
 _NOISE = {
-    "mean_nis": 2.0,
-    "usual_nis": (1.4, 2.7),
-    "verdict": "as expected",
-    "stated_observation_sd_mm": 0.2,
+    "mean_nis": 2.0, "usual_nis": (1.4, 2.7), "verdict": "as expected", "stated_observation_sd_mm": 0.2,
     "advised_observation_sd_mm": 0.05,
-}
+}  # fmt: skip
 
 
 def test_the_sightings_of_a_record_tell_their_noise() -> None:

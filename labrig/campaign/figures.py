@@ -42,7 +42,7 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         intervals = [arm.ci95 for arm in result.arms]
         axes[0].set_xlim(choose_limits(known[~np.isnan(known)].tolist(), intervals))
         if result.tolerance is not None:
-            axes[1].set_xlim(-2, 102)
+            axes[1].set_xlim(-3, 103)  # room for the caps at 0 and 100
         for place, arm in enumerate(result.arms):
             values = read_values(table[table["arm"] == arm.name], result.measure)
             _draw_arm(axes, place, arm, values.tolist())

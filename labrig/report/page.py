@@ -45,7 +45,7 @@ from labrig.vision.plane import PlaneMap
 REPORT_FILE = "report.html"
 TEMPLATES = Path(__file__).parent / "templates"
 _LOOSE_UNIT = re.compile(
-    r"(<code>.*?</code>)|(?<=\d) (?=(?:mm|µm|px|degrees?|rad|ms|min|s)\b|%)|(?<=±) (?=[\d−])", re.DOTALL
+    r"(<code>.*?</code>)|(?<=\d) (?=(?:mm|µm|px|degrees?|rad|ms|min|s)\b|[%±])|(?<=±) (?=[\d−])", re.DOTALL
 )
 _NONE: Mapping[str, Any] = MappingProxyType({})
 

@@ -106,7 +106,7 @@ def test_the_page_claims_what_its_intervals_hold(
     """A difference whose interval excludes 0, or that none does; no arm is called the best."""
     loaded = load(write_campaign(tmp_path, **keys))
     page = write_page(tmp_path, loaded, *found(loaded, law), NOW).read_text(encoding="utf-8")
-    assert stated in page
+    assert stated in page.replace("\u00a0", " ")
 
 
 def test_one_value_has_neither_an_interval_nor_a_quantile(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_an_unfinished_page_says_so_beside_its_intervals(tmp_path: Path) -> None
     half = make_result(loaded, table.head(7), file=Path("table.parquet"))
     page = write_page(tmp_path, loaded, half, table.head(7), NOW).read_text(encoding="utf-8")
     assert (result.ended, "7 of 12 are done." in page) == ("complete", True)
-    assert "makes them hold less often than 95 %" in page
+    assert "makes them hold less often than 95\u00a0%" in page
 
 
 def test_the_share_of_a_field_stands_where_its_points_are() -> None:

@@ -48,7 +48,7 @@ def test_lens_and_plane_are_found_and_written(run: Run, analysed: tuple[Calibrat
     assert found is not None
     assert lens.board_warp is not None
     page = write_page(run, found, NOW).read_text(encoding="utf-8")
-    assert f"± {1000 * lens.board_warp.sigma_row_mm:.1f}\u00a0µm over their ends" in page
+    assert f"±\u00a0{1000 * lens.board_warp.sigma_row_mm:.1f}\u00a0µm over their ends" in page
     assert "is known to <b>0.0" in page
     assert "labrig calibrate adopt" in page
     assert content.plane is not None

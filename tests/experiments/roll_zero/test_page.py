@@ -45,7 +45,7 @@ def test_the_zero_is_drawn_and_each_insertion_has_its_line_and_its_picture(tmp_p
     for told in (
         "Needle N1 bends towards −y",
         "fitted cosine",
-        "roll zero, ± 2 SD",
+        "roll zero, ±\u00a02 SD",
         "1 picture did not show",
     ):
         assert told in page.html

@@ -153,8 +153,9 @@ def compare_runs(
     each = "block" if unit == "specimen" else counted.index
     units = counted.groupby(["group", each], sort=False)["value"].mean()
     shared = _find_shared(counted, unit, wanted, used)
+    least = 0.0 if wanted.endswith("error_mm") and units.min() >= 0.0 else -math.inf
     groups = tuple(
-        _summarise(str(name), part, units.get(name, units[:0]), _total(shared.get(name)))
+        _summarise(str(name), part, units.get(name, units[:0]), _total(shared.get(name)), least)
         for name, part in rows.groupby("group", sort=False)
     )
     samples = {group.name: list(units[group.name]) for group in groups if group.n > 1}
@@ -280,19 +281,20 @@ def _widen(interval: Interval | None, errors: SharedErrors | None) -> Interval |
 
 
 def _summarise(
-    name: str, rows: pd.DataFrame, units: "pd.Series[float]", errors: SharedErrors | None
+    name: str, rows: pd.DataFrame, units: "pd.Series[float]", errors: SharedErrors | None, least: float
 ) -> Group:
     spread = compute_spread(list(units))
+    ends = [each and (max(each[0], least), each[1]) for each in (spread.ci95, _widen(spread.ci95, errors))]
     counted = rows[rows["value"].notna()]
     return Group(
         name=name,
-        **vars(spread),
+        **(vars(spread) | {"ci95": ends[0]}),
         insertions=len(counted),
         specimens=None if counted["block"].isna().any() else int(counted["block"].nunique()),
         refused=len(rows) - len(counted),
         runs=tuple(rows["run"].unique()),
         shared_sigma=errors,
-        ci95_with_shared=_widen(spread.ci95, errors),
+        ci95_with_shared=ends[1],
     )
 
 

@@ -32,6 +32,7 @@ def write_measured_run(
     with_file: Sequence[str] = (),
     protocol: str = "",
     rig: str = "bench",
+    quantity: str = "radius_mm",
 ) -> Path:
     """Write a run with these radii in each (specimen, gelatin %), None for a refused one, and return its folder.
 
@@ -64,17 +65,20 @@ def write_measured_run(
                 recorder.event("mark_bad", 60.0 * trial + 55.0, trial=trial, reason=(bad or {})[trial])
     recorder.close("success", "", ENDED)
     if result:
-        _add_result(recorder.path, rows, settings=settings or {}, overrides=list(overrides))
+        heads = [quantity if name == "radius_mm" else name for name in COLUMNS]
+        _add_result(recorder.path, heads, rows, settings=settings or {}, overrides=list(overrides))
     return recorder.path
 
 
-def _add_result(run: Path, rows: Sequence[Sequence[object]], **document: object) -> None:
+def _add_result(
+    run: Path, heads: Sequence[str], rows: Sequence[Sequence[object]], **document: object
+) -> None:
     """Write a result with its table."""
     folder = new_result_dir(run)
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
+    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
     (folder / "measurements.csv").write_text(text.getvalue(), encoding="utf-8")
-    columns = [{"name": name, "unit": None} for name in COLUMNS]
+    columns = [{"name": name, "unit": None} for name in heads]
     listed = {"measurements": {"file": "measurements.csv", "columns": columns, "rows": len(rows)}}
     (folder / "tables.json").write_text(json.dumps(listed), encoding="utf-8")
     document["not_in_interval"] = ["surface"]

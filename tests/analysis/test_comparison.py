@@ -99,6 +99,16 @@ def test_what_the_protocols_say_otherwise_is_named(tmp_path):
     assert told == ["The protocols of the runs differ in analysis.window_start_mm (6.0 in b)."]
 
 
+def test_the_interval_of_a_distance_begins_at_zero(tmp_path):
+    """Student's of two errors at a target would begin below it; its other end stays."""
+    a, b = (
+        write_measured_run(tmp_path, name, {SOFT: values}, quantity="target_error_mm")
+        for name, values in (("a", (0.1, 0.9)), ("b", (0.2, 0.3)))
+    )
+    ends = [group.ci95 for group in _compare(a, b).comparison.groups]
+    assert ends == [(0.0, pytest.approx(0.5 + 12.706 * 0.4, rel=1e-3)), (0.0, pytest.approx(0.885, abs=1e-3))]
+
+
 def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):
     """Runs of a simulated rig that differ in their notes alone repeat one another; on a bench none does."""
     for rig, told in (

@@ -52,12 +52,10 @@ def test_a_bare_axis_searches_its_reference(method: int) -> None:
 @pytest.mark.parametrize(
     ("axis", "method", "mounted", "words"),
     [
-        ("insertion", -4, True, "could bend"),
-        ("rotation", 17, True, "could bend"),
-        ("linear", -3, True, "towards the gel"),
-        ("insertion", -4, False, "before the linear module"),
+        ("insertion", -4, True, "could bend"), ("rotation", 17, True, "could bend"),
+        ("linear", -3, True, "towards the gel"), ("insertion", -4, False, "before the linear module"),
     ],
-)
+)  # fmt: skip
 def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted: bool, words: str) -> None:
     """A search with a mounted needle or out of order is refused, with the command to use instead."""
     with _bare() as (opened, _):
@@ -110,14 +108,9 @@ def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
     with opened_rig() as opened:
         opening = Opening(("linear",), camera=False, max_current_ma={"linear": 300})
         rig = Rig(
-            opened.rig.description,
-            hardware=opened.hardware,
-            link=opened.hardware.open_link(),
-            source=None,
-            person=Person(),
-            interrupted=Signal(),
-            opening=opening,
-        )
+            opened.rig.description, hardware=opened.hardware, link=opened.hardware.open_link(), source=None,
+            person=Person(), interrupted=Signal(), opening=opening,
+        )  # fmt: skip
         rig.connect()
         drive = opened.drives["linear"]
         assert drive.objects.values[od.CURRENT_LIMIT] == 300

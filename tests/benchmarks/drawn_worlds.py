@@ -225,13 +225,9 @@ def insert(drawn: DrawnWorld, policy: Policy) -> InsertionEnd:
     x_mm, y_mm, z_mm = (np.array((truth["tip_x_mm"], *truth["tip_mm"])) - truth["target_mm"]).tolist()
     assert stop.interval_mm is not None
     return InsertionEnd(
-        stop=str(command.stop),
-        off_mm=(x_mm, y_mm, z_mm),
-        clearance_mm=float(truth["true_min_clearance_mm"]),
-        turns=len(made.bevel.turns),
-        outcome=ending.outcome,
-        interval_mm=stop.interval_mm,
-    )
+        stop=str(command.stop), off_mm=(x_mm, y_mm, z_mm), clearance_mm=float(truth["true_min_clearance_mm"]),
+        turns=len(made.bevel.turns), outcome=ending.outcome, interval_mm=stop.interval_mm,
+    )  # fmt: skip
 
 
 def _make_insertion(drawn: DrawnWorld, policy: Policy, record: EventList) -> _DrawnInsertion:

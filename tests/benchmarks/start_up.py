@@ -21,11 +21,9 @@ BARE = "python -c pass"
 Commands = Mapping[str, tuple[tuple[str, ...], int | None]]
 """The name of each command line, its words, and its limit [ms]."""
 START_UP: Commands = {
-    "--help": (("--help",), 300),
-    "run --help": (("run", "--help"), None),
-    "manual": (("manual",), None),
+    "--help": (("--help",), 300), "run --help": (("run", "--help"), None), "manual": (("manual",), None),
     "check": (("check", "protocols/steerability.yaml"), None),
-}
+}  # fmt: skip
 LISTS: Commands = {
     "runs of an empty folder": (("runs", "--runs-dir", "none"), None),
     f"runs, {RUNS} of them": (("runs",), 1000),

@@ -166,18 +166,12 @@ ROWS: list[tuple[str, int, str]] = [
 
 DESIGN = f"check {ROOT}/protocols/design.yaml"
 COMMANDS: Mapping[str, str] = {
-    "check": "runs check RUN",
-    "show": "runs show RUN",
-    "resume": "resume RUN",
-    "replay": "replay RUN",
-    "reanalyze": "reanalyze RUN",
-    "report": "report RUN",
-    "view": "view RUN",
+    "check": "runs check RUN", "show": "runs show RUN", "resume": "resume RUN", "replay": "replay RUN",
+    "reanalyze": "reanalyze RUN", "report": "report RUN", "view": "view RUN",
     "export csv": "export RUN --format csv --out TABLES",
     "export record": "export RUN --format record --out TABLES",
-    "annotate": "runs annotate RUN --tag pilot --note cloudy",
-    "adopt": "calibrate adopt RUN",
-}
+    "annotate": "runs annotate RUN --tag pilot --note cloudy", "adopt": "calibrate adopt RUN",
+}  # fmt: skip
 """Every command that takes a run."""
 
 

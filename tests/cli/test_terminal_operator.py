@@ -207,13 +207,11 @@ def test_a_pause_without_a_terminal_waits_until_it_is_ended_from_elsewhere(
 @pytest.mark.parametrize(
     ("numbers", "enabled", "told"),
     [
-        ((signal.SIGINT,), True, None),
-        ((signal.SIGINT, signal.SIGINT), True, "SIGINT"),
-        ((signal.SIGINT,), False, "SIGINT"),
-        ((signal.SIGTERM,), True, "SIGTERM"),
+        ((signal.SIGINT,), True, None), ((signal.SIGINT, signal.SIGINT), True, "SIGINT"),
+        ((signal.SIGINT,), False, "SIGINT"), ((signal.SIGTERM,), True, "SIGTERM"),
         ((signal.SIGHUP,), True, "SIGHUP"),
     ],
-)
+)  # fmt: skip
 def test_the_first_ctrl_c_pauses_and_the_second_stops(
     numbers: tuple[signal.Signals, ...], enabled: bool, told: str | None
 ) -> None:

@@ -180,14 +180,10 @@ def make_rig(
 ) -> Rig:
     """Return a rig over a hardware, not yet connected."""
     return Rig(
-        description,
-        hardware=hardware,
-        link=hardware.open_link(),
+        description, hardware=hardware, link=hardware.open_link(),
         source=hardware.open_source() if opening.camera else None,
-        person=hardware.accompany(person or Person()),
-        interrupted=signal or Signal(),
-        opening=opening,
-    )
+        person=hardware.accompany(person or Person()), interrupted=signal or Signal(), opening=opening,
+    )  # fmt: skip
 
 
 @contextmanager

@@ -139,12 +139,10 @@ def test_a_picture_that_began_before_its_command_is_refused(
 @pytest.mark.parametrize(
     ("t_s", "t_bound_s", "placed"),
     [
-        (1.25, 0.04, (0.25, 0.04)),
-        (0.9, 0.04, (0.0, 0.14)),
-        (2.1, 0.04, (1.0, 0.14)),
+        (1.25, 0.04, (0.25, 0.04)), (0.9, 0.04, (0.0, 0.14)), (2.1, 0.04, (1.0, 0.14)),
         (1.25, None, (None, None)),
     ],
-)
+)  # fmt: skip
 def test_a_frame_lies_between_two_readings(
     t_s: float, t_bound_s: float | None, placed: tuple[float | None, float | None]
 ) -> None:
@@ -170,13 +168,11 @@ def test_a_folder_gives_a_picture_for_each_read_and_ends_with_an_error(tmp_path:
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("empty", "holds no picture"),
-        ("none", "none cannot be read"),
-        ("linked", r"2\.png is not a regular file"),
-        ("concat:a.avi|b.avi", r"b\.avi cannot be read"),
+        ("empty", "holds no picture"), ("none", "none cannot be read"),
+        ("linked", r"2\.png is not a regular file"), ("concat:a.avi|b.avi", r"b\.avi cannot be read"),
         ("http://10.0.0.7/live", "live cannot be read"),
     ],
-)
+)  # fmt: skip
 def test_a_source_without_pictures_is_refused(tmp_path: Path, source: str, words: str) -> None:
     """A link out of the folder is no picture of it; what a library might open is a name like any other."""
     (tmp_path / "empty").mkdir()

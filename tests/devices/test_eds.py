@@ -80,12 +80,10 @@ def test_a_file_that_is_not_an_eds_is_refused(text: str, words: str) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("link.eds", "leaves the folder of the rig file"),
-        ("none.eds", "No such file"),
-        (".", "Is a directory"),
-        ("large.eds", "4000001 bytes"),
+        ("link.eds", "leaves the folder of the rig file"), ("none.eds", "No such file"),
+        (".", "Is a directory"), ("large.eds", "4000001 bytes"),
     ],
-)
+)  # fmt: skip
 def test_a_file_is_read_from_the_folder_of_the_rig_file(tmp_path: Path, name: str, words: str) -> None:
     """A link that leaves it, a file that is too large and a missing one are refused."""
     folder = tmp_path / "rig"

@@ -34,19 +34,12 @@ _ZERO = {"needle_id": "N1", "zero_rad": 0, "sd_rad": 0, "run": "a"}
 @pytest.mark.parametrize(
     "content",
     [
-        None,
-        b"",
-        b'{"kind": "labrig-rig-state", "schema_version": 1',
-        {"schema_version": 2},
-        {"needle_in_tissue": "no"},
-        {"referenced": "insertion"},
-        {"roll_zero": "none"},
-        {"roll_zero": {"needle_id": "N1"}},
-        {"roll_zero": {**_ZERO, "zero_rad": "x"}},
-        {"roll_zero": {**_ZERO, "sd_rad": -1}},
-        {"roll_zero": {**_ZERO, "torsion": {"best_sd_rad": -1}}},
+        None, b"", b'{"kind": "labrig-rig-state", "schema_version": 1', {"schema_version": 2},
+        {"needle_in_tissue": "no"}, {"referenced": "insertion"}, {"roll_zero": "none"},
+        {"roll_zero": {"needle_id": "N1"}}, {"roll_zero": {**_ZERO, "zero_rad": "x"}},
+        {"roll_zero": {**_ZERO, "sd_rad": -1}}, {"roll_zero": {**_ZERO, "torsion": {"best_sd_rad": -1}}},
     ],
-)
+)  # fmt: skip
 def test_a_missing_or_damaged_file_is_a_doubt_with_a_reason(
     tmp_path: Path, content: bytes | dict[str, object] | None
 ) -> None:

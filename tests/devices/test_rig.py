@@ -56,14 +56,10 @@ def _still(hardware: SimulatedHardware) -> bool:
 
 
 READ_BACK = {
-    co.LOWER_LIMIT: -2 * QUADCOUNTS_PER_MM - 20,
-    co.UPPER_LIMIT: 120 * QUADCOUNTS_PER_MM + 20,
-    co.MAX_FOLLOWING_ERROR: round(0.4 * QUADCOUNTS_PER_MM),
-    co.POSITION_WINDOW: 20,
-    co.POSITION_WINDOW_TIME: 20,
-    co.QUICK_STOP_DECELERATION: 200 * 120,
-    od.LIMIT_EXECUTION_MASK: 0x0008 | 3,
-}
+    co.LOWER_LIMIT: -2 * QUADCOUNTS_PER_MM - 20, co.UPPER_LIMIT: 120 * QUADCOUNTS_PER_MM + 20,
+    co.MAX_FOLLOWING_ERROR: round(0.4 * QUADCOUNTS_PER_MM), co.POSITION_WINDOW: 20,
+    co.POSITION_WINDOW_TIME: 20, co.QUICK_STOP_DECELERATION: 200 * 120, od.LIMIT_EXECUTION_MASK: 0x0008 | 3,
+}  # fmt: skip
 DEAD_MAN = (co.CONSUMER_HEARTBEAT, co.ABORT_CONNECTION, co.FAULT_REACTION)
 SWITCHES = ("axes.insertion.limit_switches=[negative, positive]", "axes.insertion.max_following_error=0.4")
 

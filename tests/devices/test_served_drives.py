@@ -63,12 +63,9 @@ def test_an_outside_client_drives_the_simulated_drive() -> None:
     with served_drives("slcan", (1,)) as served:
         done = subprocess.run(
             [node, str(CLIENT), str(served.reached_by["channel"])],
-            env={**os.environ, "NODE_PATH": str(PACKAGES)},
-            capture_output=True,
-            text=True,
-            timeout=60,
+            env={**os.environ, "NODE_PATH": str(PACKAGES)}, capture_output=True, text=True, timeout=60,
             check=False,
-        )
+        )  # fmt: skip
     assert done.stderr == ""
     assert json.loads(done.stdout) == {
         "vendor": 0xFB, "position": 20_000, "noSuchObject": 0x06020000, "tooLow": 0x06090032,

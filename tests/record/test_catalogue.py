@@ -59,19 +59,13 @@ def test_a_condition_holds_or_not(text: str, holds: bool) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "character 1: this is no comparison"),
-        ("seed 7", "character 1: this is no comparison"),
-        ("seed=", "character 1"),
-        ("seed==7", "character 1"),
-        ("seed=7 exit_status=success", "do not join"),
-        ("seed=7 (exit_status=success)", "do not join"),
-        ("seed=7 and", "do not join"),
-        ("seed=7 mm", "character 8: this is no comparison"),
-        ("(seed=7", "brackets do not join"),
-        ("operator='Chen", "character 1"),
-        ("and=7", "character 1"),
+        ("", "character 1: this is no comparison"), ("seed 7", "character 1: this is no comparison"),
+        ("seed=", "character 1"), ("seed==7", "character 1"), ("seed=7 exit_status=success", "do not join"),
+        ("seed=7 (exit_status=success)", "do not join"), ("seed=7 and", "do not join"),
+        ("seed=7 mm", "character 8: this is no comparison"), ("(seed=7", "brackets do not join"),
+        ("operator='Chen", "character 1"), ("and=7", "character 1"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_read_is_refused_with_its_place(text: str, words: str) -> None:
     """The message says at which character the condition stops making sense, and the hint how one is written."""
     with pytest.raises(InputError, match=words) as refusal:
@@ -181,13 +175,11 @@ def test_those_who_annotate_at_once_lose_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("what", "match"),
     [
-        ({"tags": ["a/b"]}, "the tag"),
-        ({"untag": ["other"]}, "has no tag other"),
-        ({"note": "  "}, "1 to 10000 characters"),
-        ({"note": "x" * 10_001}, "1 to 10000 characters"),
+        ({"tags": ["a/b"]}, "the tag"), ({"untag": ["other"]}, "has no tag other"),
+        ({"note": "  "}, "1 to 10000 characters"), ({"note": "x" * 10_001}, "1 to 10000 characters"),
         ({"verdict": "fine"}, "must be good, doubtful, bad"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_said_is_refused(tmp_path: Path, what: dict[str, object], match: str) -> None:
     """Nothing is written then."""
     run = closed_run(tmp_path)

@@ -376,14 +376,9 @@ def _rig(
 ) -> Iterator[tuple[Rig, FaultyCamera, Hanging]]:
     link, camera, signal = hardware.open_link(), FaultyCamera(hardware.open_source()), Hanging(hardware)
     rig = Rig(
-        description,
-        hardware=hardware,
-        link=link,
-        source=camera,
-        person=Person(),
-        interrupted=signal,
+        description, hardware=hardware, link=link, source=camera, person=Person(), interrupted=signal,
         opening=opening,
-    )
+    )  # fmt: skip
     yield rig, camera, signal
     with suppress(SafetyStopError):
         rig.close()
@@ -436,11 +431,9 @@ def run_cell(
     hardware.clock.sleep(_LONG_AFTER_S)
     still_after_s = _still_after_s(cell)
     differences = [
-        *_ending_differences(cell, outcome, run, counted),
-        *_told_differences(cell, outcome),
-        *_stop_differences(cell, still_after_s),
-        *_next_run_differences(cell, description, run.path.name),
-    ]
+        *_ending_differences(cell, outcome, run, counted), *_told_differences(cell, outcome),
+        *_stop_differences(cell, still_after_s), *_next_run_differences(cell, description, run.path.name),
+    ]  # fmt: skip
     hardware.close()
     return CellResult(outcome, run, still_after_s, tuple(differences))
 

@@ -145,13 +145,9 @@ def test_a_withdrawn_needle_leaves_a_faint_track_that_moves_with_the_gel() -> No
 def test_the_needle_is_drawn_where_and_as_wide_as_its_distance_makes_it() -> None:
     """Far out of the plane, the dark shaft's edges stand where OpenCV projects the ends of its diameter."""
     world = before_gel(
-        2,
-        lens=STRAIGHT | {"origin_px": [150, 600]},
-        blur_px=0,
-        light={"glint": 0, "unevenness": 0},
-        gels=one_radius(1000),
-        sheath=STILL_SHEATH | {"x_play_sd_mm": 40},
-    )
+        2, lens=STRAIGHT | {"origin_px": [150, 600]}, blur_px=0, light={"glint": 0, "unevenness": 0},
+        gels=one_radius(1000), sheath=STILL_SHEATH | {"x_play_sd_mm": 40},
+    )  # fmt: skip
     world.advance(80.0, 0.0, 15.0)
     x_mm = world.tip_mm()[0]
     assert abs(x_mm) > 20.0

@@ -191,12 +191,10 @@ def test_refuses_pictures_without_ruled_paper(kind):
     generator = np.random.default_rng(0)
     rows, columns = np.mgrid[0:480, 0:640]
     picture = {
-        "blank": np.full((480, 640), 180),
-        "noise": generator.integers(0, 256, (480, 640)),
-        "stripes": 60 + 120 * (columns % 16 > 1),
-        "board": 40 + 180 * ((rows // 40 + columns // 40) % 2),
+        "blank": np.full((480, 640), 180), "noise": generator.integers(0, 256, (480, 640)),
+        "stripes": 60 + 120 * (columns % 16 > 1), "board": 40 + 180 * ((rows // 40 + columns // 40) % 2),
         "one pixel": np.full((1, 1), 180),
-    }[kind].astype(np.uint8)
+    }[kind].astype(np.uint8)  # fmt: skip
     with pytest.raises(CalibrationRefusedError, match=r"no grid|px apart"):
         calibrate_plane(picture, None, 1.0, (0.0, 0.0), "right", px_per_mm=14.0)
 
@@ -204,13 +202,11 @@ def test_refuses_pictures_without_ruled_paper(kind):
 @pytest.mark.parametrize(
     ("number", "origin", "insertion", "message"),
     [
-        (0.0, ORIGIN, "right", "scale|pitch"),
-        (-1.0, ORIGIN, "right", "scale|pitch"),
-        (float("inf"), ORIGIN, "right", "scale|pitch"),
-        (5.0, (0.0, float("nan")), "right", "origin"),
+        (0.0, ORIGIN, "right", "scale|pitch"), (-1.0, ORIGIN, "right", "scale|pitch"),
+        (float("inf"), ORIGIN, "right", "scale|pitch"), (5.0, (0.0, float("nan")), "right", "origin"),
         (1.0, ORIGIN, "sideways", "sideways"),
     ],
-)
+)  # fmt: skip
 def test_refuses_impossible_frames(number, origin, insertion, message):
     """A scale or pitch, an origin or a direction that cannot be is wrong input, before any search."""
     with pytest.raises(InputError, match=message):

@@ -21,11 +21,9 @@ from tests.runner.sessions import PROTOCOLS, large_bench
 LAG_DEG, PER_MM_DEG = 2.0, 0.1
 DEPTHS_MM = (20.0, 40.0)
 SHORT = (
-    "roll_zero.length_mm=12",
-    f"roll_zero.torsion.depths_mm={list(DEPTHS_MM)}",
-    "roll_zero.torsion.max_sd_deg=10",
-    "insertion.speed_mm_s=5",
-)
+    "roll_zero.length_mm=12", f"roll_zero.torsion.depths_mm={list(DEPTHS_MM)}",
+    "roll_zero.torsion.max_sd_deg=10", "insertion.speed_mm_s=5",
+)  # fmt: skip
 TWISTED = (f"world.needle.torsion_lag_deg={LAG_DEG}", f"world.needle.torsion_lag_deg_per_mm={PER_MM_DEG}")
 
 

@@ -12,13 +12,9 @@ from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
 
 def _trial(number: int, specimen: str = "gel", needle_id: str = "N1") -> SpecimenTrialStart:
     return SpecimenTrialStart(
-        trial=number,
-        specimen=specimen,
-        gelatin_percent=10.0,
-        hole=number,
-        hole_position_mm=10.0 * number,
+        trial=number, specimen=specimen, gelatin_percent=10.0, hole=number, hole_position_mm=10.0 * number,
         needle_id=needle_id,
-    )
+    )  # fmt: skip
 
 
 def _picture(trial: SpecimenTrialStart, radius_mm: float | None, reason: str | None = None) -> PictureResult:

@@ -119,7 +119,10 @@ def test_a_needle_halts_for_a_thorough_search(radius_mm, problem):
 
 @pytest.mark.parametrize(("over_mm", "sought"), [(-0.3, None), (0.3, "schedule")])
 def test_without_a_new_path_the_old_one_will_do_for_a_while_or_if_it_can_be_corrected(over_mm, sought):
-    """For 15 mm; then up to the tolerance and 5 % of what is left, beyond which a thorough search is called for."""
+    """For 15 mm; then up to the tolerance and 5 % of what is left, beyond which a thorough search is called for.
+
+    Where a search could not find the old path, for too few arcs, that is mended.
+    """
     chosen = settings()
     states = drive(DrivenNeedle(RADIUS_MM, **PLAY), chosen).states
     number = next(at for at, state in enumerate(states) if state.insertion_mm - state.followed_mm > 15.0)
@@ -129,6 +132,8 @@ def test_without_a_new_path_the_old_one_will_do_for_a_while_or_if_it_can_be_corr
         replan(states[at], "schedule", replace(chosen, problem=elsewhere)) for at in (number - 1, number)
     )
     assert (before.sought, after.sought) == (None, sought)
+    one_arc = replace(chosen, problem=replace(chosen.problem, max_arcs=1))
+    assert replan(states[number], "schedule", one_arc).replans == states[number].replans + 1
 
 
 @pytest.mark.parametrize(

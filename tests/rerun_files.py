@@ -7,12 +7,14 @@ import rerun as rr
 
 
 def read_view(path: Path) -> dict[str, list[Any]]:
-    """Return the entities of a file: the values of a curve or the labels and texts of others, in order of rig time."""
+    """Return the entities of a file: the values of a curve, a JPEG, or labels and texts, in order of rig time."""
     found: dict[str, list[tuple[Any, Any]]] = {}
     for chunk in rr.chunk.RrdReader(path).stream():
         batch = chunk.to_record_batch()
         values = found.setdefault(_plain(str(chunk.entity_path)), [])
-        told = [name for name in batch.schema.names if name.endswith((":scalars", ":labels", ":text"))]
+        told = [
+            name for name in batch.schema.names if name.endswith((":scalars", ":labels", ":text", ":blob"))
+        ]
         if told and "rig_time" in batch.schema.names:
             times = batch.column("rig_time").cast("int64").to_pylist()
             values += [

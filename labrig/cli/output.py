@@ -93,6 +93,7 @@ PAGES: Mapping[type[LabrigError], str] = {
 PAGES_OF_FILES = (
     (r"\.json\b|^calibration\.", "calibrate"),
     (r"\bcampaign", "campaign"),
+    (r"\bscenario|\b(target|obstacles)\b", "steer-to-target"),
     (r"\brig\b|calibration/", "rig"),
 )
 """A pattern of a file's place, and the page that tells of it; of the others `protocol` does."""

@@ -293,8 +293,10 @@ class _RecordDrawing:
         self._shown = (picture.line, size_of(image))
         set_time(self._stream, picture.line.t_s)
         self._stream.set_time("frame", sequence=picture.line.frame)
-        # At full size, because lines are drawn over it in its own pixels.
-        content = jpeg(image, JpegSize(self._shown[1][0], _JPEG_QUALITY))
+        # At full size, because lines are drawn over it in its own pixels. All in colour: once the form of the JPEG
+        # changes, as from grey pictures to a plan in colour, the viewer shows none of them any more.
+        coloured = image if image.ndim == 3 else np.repeat(image[..., np.newaxis], 3, axis=2)
+        content = jpeg(coloured, JpegSize(self._shown[1][0], _JPEG_QUALITY))
         self._stream.log(CAMERA, rr.EncodedImage(contents=content, media_type="image/jpeg"))
         self._stream.log(f"{CAMERA}/old", rr.Clear(recursive=True))
 

@@ -6,6 +6,8 @@ from contextlib import closing
 from http.client import HTTPConnection
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from labrig.analysis.result import load_centre_lines
@@ -51,6 +53,15 @@ def test_the_last_picture_is_marked_as_old_once_the_needle_is_withdrawn(tmp_path
     depth_mm = max(line.insertion_mm for line in run.frame_lines if line.insertion_mm is not None)
     assert shown["/camera/old/words"][-1].startswith(f"OLD PICTURE: taken at {depth_mm:.1f} mm")
     assert shown["/events"][0].startswith("run starts")
+
+
+def test_all_pictures_are_of_one_form(tmp_path: Path) -> None:
+    """Also a plan in colour among grey ones: the viewer shows no picture of an entity once their form changes."""
+    run = open_run(shutil.copytree(INSERTION, tmp_path / "run"))
+    assert {picture.ndim for picture in run.pictures} == {2, 3}
+    shown = read_view(write_view(run, {}, NO_VIEW, describe_statusword))["/camera"]
+    forms = {cv2.imdecode(np.array(blob, np.uint8), cv2.IMREAD_UNCHANGED).ndim for blob in shown}
+    assert (len(shown), forms) == (len(run.frame_lines), {3})
 
 
 @pytest.mark.parametrize(("waiting", "drawn"), [(2, [0, 1]), (6, [1, 4, 5])])

@@ -69,6 +69,8 @@ def test_the_largest_difference_of_each_quantity_is_kept() -> None:
     assert found.beyond == 2
     assert (found.first.recorded, found.first.now) == (2.0, 2.5)
     beside = {"sigma_radius_mm": 0.5}
-    assert judge({"radius_mm": 28.0, **beside}, {"radius_mm": 29.0, **beside}).in_sd == {
-        "document.radius_mm": 2.0
-    }
+    found = judge({"radius_mm": 28.0, **beside}, {"radius_mm": 28.025, **beside})
+    assert (found.in_sd, found.shares) == (
+        {"document.radius_mm": pytest.approx(0.05)},
+        {"document.radius_mm": pytest.approx(0.5)},
+    )

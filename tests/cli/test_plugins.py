@@ -143,8 +143,8 @@ def test_a_record_is_read_without_the_packages_that_made_it(
     protocol = ("--rig", EXAMPLE / "rig.yaml", "--set", "visits=2", "--runs-dir", tmp_path)
     outside_run = tmp_path / "outside"
     assert labrig("run", EXAMPLE / "repeatability.yaml", *protocol, "--run-name", "outside").exit_code == 0
-    told = ("--quantity", "u_px", "--by", "trial", "--out", tmp_path / "compared", "--json")
-    groups = labrig("compare", outside_run, *told).json()["groups"]
+    by_trial = ("--quantity", "u_px", "--by", "trial", "--out", tmp_path / "compared", "--json")
+    groups = labrig("compare", outside_run, *by_trial).json()["groups"]
     assert [(group["name"], group["n"]) for group in groups] == [("trial 1", 1), ("trial 2", 1)]
     recorded = json.loads((outside_run / "manifest.json").read_text(encoding="utf-8"))["plugins"]
     ours = ("experiment repeatability", "drive example-stepper", "camera example-marker")

@@ -121,7 +121,7 @@ def files_of(protocol: ExperimentProtocol, rig: RigDescription) -> dict[str, byt
         if values not in _written:
             _written[values] = dump_yaml(model)
         texts.append(_written[values])
-    return opening_files(*texts, rig.calibration_files())
+    return opening_files(texts[0], texts[1], rig.calibration_files())
 
 
 @contextmanager

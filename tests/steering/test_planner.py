@@ -18,7 +18,7 @@ from labrig.steering.parameters import PlanWeights
 from labrig.steering.planar import Tips, thin_tips
 from labrig.steering.planner import plan_path, sample_path
 from labrig.steering.problem import Obstacle, PlanProblem, Surroundings
-from labrig.steering.score import find_least_rooms
+from labrig.steering.score import find_least_rooms, pick_best_feasible
 from tests.benchmarks.oracle import integrate_path, oracle_solves
 from tests.benchmarks.planning_problems import (
     draw_planar_problem,
@@ -233,6 +233,27 @@ def test_the_room_is_the_clearance_of_the_tightest_bend(roll_rad, y_mm, z_mm, aw
     radius_mm = around.problem.radius_mm
     near = find_nearest_places(psi, radius_mm, around.centres_mm, path_frames(psi, radius_mm))
     assert find_least_rooms(near, around) == pytest.approx(room_mm, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("limit", "least"),
+    [
+        ("max_length_mm", 30.0),
+        ("max_off_axis_rad", 30.0 / 27.6),
+        ("tolerance_mm", 0.5),
+        ("clearance_mm", 1.4),
+    ],
+)
+def test_a_path_is_feasible_just_within_each_limit_and_not_beyond(limit, least):
+    """An arc of 30 mm ends half a millimetre out of the plane of its target; it passes an obstacle 1.4 mm away."""
+    psi = np.array([[(30.0 / 27.6, np.pi)]])
+    half, end = (integrate_path([(np.pi, length / 27.6)], 27.6)[-1] for length in (15.0, 30.0))
+    sphere = Obstacle((half[0] + 8.0, *half[1:]), 6.0)
+    problem = PlanProblem((0.5, *end[1:]), (sphere,), axis=(0.0, 0.0, 1.0))
+    for change, found in ((1e-3, True), (-1e-3, False)):
+        value = least - change if limit == "clearance_mm" else least + change
+        around = Surroundings(replace(problem, **{limit: value}))
+        assert (pick_best_feasible([psi], around) is not None) == found
 
 
 def test_the_side_with_room_is_taken():

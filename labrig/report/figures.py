@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -106,8 +106,20 @@ def _draw_element(figure: Figure, name: str, look: str) -> str:
     text = text[text.index("<svg") :]
     text = re.sub(r'\s+(xmlns(:\w+)?|version)="[^"]*"', "", text, count=3)
     text = re.sub(r'\s(?:width|height)="[\d.]+pt"', "", text, count=2)
-    text = text.replace("xlink:href", "href").replace("<svg", f'<svg class="{look}"', 1)
+    text = text.replace("xlink:href", "href").replace(
+        "<svg", f'<svg class="{look}" role="img" aria-label="{_name_panels(figure)}"', 1
+    )
     return re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
+
+
+def _name_panels(figure: Figure) -> str:
+    """Return what a figure shows, for who cannot see it: its panels by their titles and what is over what."""
+    panels = (
+        ", ".join(filter(None, (axes.get_title("left"), " over ".join(filter(None, labels)))))
+        for axes in figure.axes
+        for labels in [(axes.get_ylabel(), axes.get_xlabel())]
+    )
+    return escape("Figure: " + "; ".join(filter(None, panels)))
 
 
 def write_figure(folder: Path, drawn: DrawnFigure) -> None:

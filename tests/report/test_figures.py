@@ -40,6 +40,7 @@ def test_a_figure_is_an_element_of_its_own() -> None:
     assert 'id="one-' in figure
     assert 'id="' not in figure.replace('id="one-', "")
     assert 'href="#' not in figure.replace('href="#one-', "")
+    assert re.search(r'^<svg class="wide" role="img" aria-label="Figure: [^"]*radius', figure, re.IGNORECASE)
     assert dict(mpl.rcParams) == before
 
 

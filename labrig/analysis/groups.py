@@ -23,8 +23,8 @@ _NO_SPECIMEN = (
 )
 _BY_SPECIMEN = "n counts specimens: each block of gel enters by the mean of its insertions."
 _ONE_BLOCK = (
-    "n counts insertions, which share their block of gel ({}: one block). Intervals and p speak of these blocks alone: "
-    "they do not cover how much blocks of the same ratio differ. For that, measure two blocks or more of each."
+    "n counts insertions, which share their block of gel ({}: one block each). Intervals and p speak of these blocks "
+    "alone: they do not cover how much blocks of the same ratio differ. For that, measure two blocks or more of each."
 )
 
 
@@ -72,8 +72,9 @@ def group_rows(
 def _label_rows(rows: pd.DataFrame, runs: Sequence[Measured], fields: Sequence[str]) -> pd.DataFrame:
     """Return the rows with their group, in the order of the values; a row of which a field is not known has none."""
     values = pd.concat([_find_values(rows, runs, name) for name in fields], axis=1).dropna()
+    telling = [place for place, count in enumerate(values.nunique()) if count > 1] or range(len(fields))
     ranked = sorted(
-        (tuple(map(_rank, cells)), place, ", ".join(map(_name_value, fields, cells)))
+        (tuple(map(_rank, cells)), place, ", ".join(_name_value(fields[i], cells[i]) for i in telling))
         for place, cells in zip(values.index, values.to_numpy(), strict=True)
     )
     groups = pd.Series({place: name for _, place, name in ranked}, dtype=object)

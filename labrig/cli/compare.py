@@ -1,7 +1,7 @@
 """`labrig compare`: compares the measurements of runs, group by group."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -52,11 +52,11 @@ def compare(
         raise left_out[0].error
     with show_working("comparing"):
         compared = compare_runs(measured, left_out, quantity=quantity, by=by or ())
-        folder = _write(compared, out)
-    differing = differences(*(one.run for one in measured)) if len(measured) == 2 else None
+        differing = differences(*(one.run for one in measured)) if len(measured) == 2 else ()
+        folder = _write(compared, out, differing)
     document = {
         **compared.comparison.model_dump(mode="json"),
-        "differences": None if differing is None else [asdict(difference) for difference in differing],
+        "differences": [asdict(found) for found in differing] if len(measured) == 2 else None,
         "report": str(folder / "report.html"),
     }
     print_json(document)
@@ -65,7 +65,7 @@ def compare(
     return failed[0] if failed else 0
 
 
-def _write(compared: Any, out: Path | None) -> Path:
+def _write(compared: Any, out: Path | None, differing: Sequence[Any]) -> Path:
     """Write the comparison into a new folder, or into `out`, and return the folder."""
     from labrig.record.output_folder import output_folder
     from labrig.report.comparison_page import write_comparison
@@ -74,7 +74,7 @@ def _write(compared: Any, out: Path | None) -> Path:
     what = re.sub(r"\W+", "-", compared.comparison.quantity)[:60]
     folder = out or find_in_lab(COMPARISONS) / f"{now:%Y%m%d-%H%M%S}-{what}"
     with output_folder(folder, force=False) as made:
-        write_comparison(made, compared, now)
+        write_comparison(made, compared, now, differing)
     return folder
 
 

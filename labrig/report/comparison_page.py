@@ -1,5 +1,7 @@
 """The page, the figure and the tables of a comparison, in a folder of their own."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -12,6 +14,7 @@ from matplotlib.figure import Figure
 
 from labrig.analysis.comparison import ComparedRuns, Comparison, Group
 from labrig.durable import write_atomically
+from labrig.record.difference import Difference
 from labrig.record.json_lines import encode_document
 from labrig.record.tables import encode_csv
 from labrig.report.figures import (
@@ -34,8 +37,12 @@ _MOST_VECTORS = 300
 """Points of a group that are drawn one by one; more of them become a picture, which is smaller."""
 
 
-def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) -> None:
+def write_comparison(
+    folder: Path, compared: ComparedRuns, created: datetime, differences: Sequence[Difference] = ()
+) -> None:
     """Write report.html, comparison.json, measurements.csv and .json, and the figure as .svg and .pdf.
+
+    `differences` are those between two runs, which page and document tell.
 
     Raises
     ------
@@ -49,33 +56,43 @@ def write_comparison(folder: Path, compared: ComparedRuns, created: datetime) ->
     write_atomically(folder / TABLE_FILES[0], encode_csv(tidy))
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
-    write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
+    differing = [asdict(found) for found in differences if found.section != "results"]
+    document = {**content.model_dump(mode="json"), "differences": differing}
+    write_atomically(folder / DOCUMENT_FILE, encode_document(document))
     is_drawn = len(content.groups) <= MOST_GROUPS
-    figure = draw_groups(content, table) if is_drawn else None
+    readings = {group.name: _find_reading_sd(group, content.quantity, table) for group in content.groups}
+    figure = draw_groups(content, table, readings) if is_drawn else None
     if figure is not None:
         write_figure(folder, figure)
+    widths = [(0.0, 2.0 * sd) for sd in readings.values() if sd is not None]
     decimals = count_decimals(
-        (group.ci95 for group in content.groups), (group.mean for group in content.groups)
+        (*(group.ci95 for group in content.groups), *widths), (group.mean for group in content.groups)
     )
     shown = {
         "content": content,
         "quantity": split_quantity(content.quantity)[0],
         "colours": [mark(place).colour for place in range(len(content.groups))] if is_drawn else [],
         "figure": figure,
+        "readings": readings,
+        "differences": differing,
         "written": tell_writing(created),
     }
     filters = {"digits": partial(number, digits=decimals), "plus": partial(signed, digits=decimals)}
     write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)
 
 
-def draw_groups(comparison: Comparison, table: pd.DataFrame) -> DrawnFigure:
-    """Draw every measurement and the mean of each group."""
+def draw_groups(
+    comparison: Comparison, table: pd.DataFrame, readings: Mapping[str, float | None]
+) -> DrawnFigure:
+    """Draw every measurement and the mean of each group, or a single value with the SD of its reading."""
     groups = comparison.groups
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 1.1 + 0.52 * len(groups)), layout="constrained")
         axes = figure.subplots()
         intervals = [ends for group in groups for ends in (group.ci95, group.ci95_with_shared)]
-        axes.set_xlim(choose_limits(table["value"].dropna().tolist(), intervals))
+        single = [(group.mean, sd) for group in groups if (sd := readings[group.name]) is not None]
+        ends = [mean + sign * sd for mean, sd in single if mean is not None for sign in (-1.0, 1.0)]
+        axes.set_xlim(choose_limits([*table["value"].dropna(), *ends], intervals))
         if "error" in comparison.quantity:
             axes.set_xlim(left=0.0)  # the distance from a target is never negative
         for place, group in enumerate(groups):
@@ -84,12 +101,22 @@ def draw_groups(comparison: Comparison, table: pd.DataFrame) -> DrawnFigure:
                 rows.groupby("block")["value"].mean() if comparison.unit_of_analysis == "specimen" else ()
             )
             _draw_group(axes, place, group, rows["value"], blocks)
+            if group.mean is not None and (sd := readings[group.name]) is not None:
+                axes.errorbar(group.mean, place, xerr=sd, fmt="none", color=mark(place).colour, capsize=3.5)
         names = [name if len(name) <= 32 else f"{name[:29]}..." for name in (group.name for group in groups)]
         axes.set_yticks(range(len(groups)), names)
         axes.set_ylim(len(groups) - 0.5, -0.6)
         axes.set_xlabel(label_quantity(comparison.quantity))
         axes.grid(visible=True, axis="x")
         return svg(figure, "groups")
+
+
+def _find_reading_sd(group: Group, quantity: str, table: pd.DataFrame) -> float | None:
+    """Return the standard deviation of the reading of a group of one; None of several, or where it is not known."""
+    column = f"sigma_{quantity.rpartition('.')[2]}"
+    rows = table[(table["group"] == group.name) & table["value"].notna()]
+    known = rows[column].dropna().tolist() if column in rows and len(rows) == 1 else []
+    return float(known[0]) if known else None
 
 
 def _draw_group(

@@ -34,7 +34,7 @@ def test_only_final_and_accepted_measurements_count(tmp_path):
     radii = {SOFT: (28.0, 28.4, None, 35.0), HARD: (27.0, 27.2)}
     compared = _compare(write_measured_run(tmp_path, "a", radii, bad={3: "a bubble"}))
     soft, hard = compared.comparison.groups
-    assert (soft.name, soft.n, soft.refused, soft.mean) == ("N1, 10 % gelatin", 2, 2, pytest.approx(28.2))
+    assert (soft.name, soft.n, soft.refused, soft.mean) == ("10 % gelatin", 2, 2, pytest.approx(28.2))
     assert (hard.n, hard.mean) == (2, pytest.approx(27.1))
     assert list(compared.table["value"].fillna(-1)) == [28.0, 28.4, -1, -1, 27.0, 27.2]
     assert list(compared.table["left_out"].dropna()) == ["marked as bad: a bubble"]
@@ -160,10 +160,10 @@ def test_groups_of_one_and_without_spread_are_listed_and_not_tested(tmp_path):
     compared = _compare(write_measured_run(tmp_path, "a", radii)).comparison
     assert [group.n for group in compared.groups] == [1, 2, 2]
     assert compared.welch_anova is None
-    assert [(pair.a, pair.p is None) for pair in compared.pairs] == [("N1, 13 % gelatin", False)]
+    assert [(pair.a, pair.p is None) for pair in compared.pairs] == [("13 % gelatin", False)]
     told = " ".join(compared.warnings)
-    assert "Listed, but not tested, for less than two values: N1, 10 % gelatin." in told
-    assert "All values are the same in N1, 19 % gelatin" in told
+    assert "Listed, but not tested, for less than two values: 10 % gelatin." in told
+    assert "All values are the same in 19 % gelatin" in told
 
 
 def test_load_runs_gives_the_measurements_as_one_table(tmp_path):

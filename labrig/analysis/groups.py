@@ -53,13 +53,13 @@ def group_rows(
     """
     usual = [name for name in DEFAULT_FIELDS if name in rows and rows[name].notna().any()]
     fields, notes = [ALIASES.get(name, name) for name in by] or usual or ["run"], []
-    grouped = _label_rows(rows, runs, fields)
+    grouped = _label_rows(rows, runs, fields, whole=bool(by))
     if not by:
         grouped["group"] = grouped["group"].fillna(rows["run"])
         if len(runs) > 1 and len(_list_groups(grouped)) < 2 and usual:
             notes.append("Needle and gel are the same in all runs: the runs themselves are compared.")
             fields = ["run"]
-            grouped = _label_rows(rows, runs, fields)
+            grouped = _label_rows(rows, runs, fields, whole=True)
     ungrouped = int(grouped["group"].isna().sum())
     if ungrouped:
         told = format_count(ungrouped, "measurement")
@@ -69,12 +69,14 @@ def group_rows(
     return grouped.assign(block=_find_blocks(rows, runs)), tuple(fields), notes
 
 
-def _label_rows(rows: pd.DataFrame, runs: Sequence[Measured], fields: Sequence[str]) -> pd.DataFrame:
-    """Return the rows with their group, in the order of the values; a row of which a field is not known has none."""
+def _label_rows(
+    rows: pd.DataFrame, runs: Sequence[Measured], fields: Sequence[str], *, whole: bool
+) -> pd.DataFrame:
+    """Return the rows with their group, in order; `whole` names it by what is the same in all, too."""
     values = pd.concat([_find_values(rows, runs, name) for name in fields], axis=1).dropna()
-    telling = [place for place, count in enumerate(values.nunique()) if count > 1] or range(len(fields))
+    told = [i for i, count in enumerate(values.nunique()) if whole or count > 1] or range(len(fields))
     ranked = sorted(
-        (tuple(map(_rank, cells)), place, ", ".join(_name_value(fields[i], cells[i]) for i in telling))
+        (tuple(map(_rank, cells)), place, ", ".join(_name_value(fields[i], cells[i]) for i in told))
         for place, cells in zip(values.index, values.to_numpy(), strict=True)
     )
     groups = pd.Series({place: name for _, place, name in ranked}, dtype=object)

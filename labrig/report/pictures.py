@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import RecordError
 from labrig.record.reader import Run
@@ -54,6 +54,11 @@ class Plate:
     words: Sequence[tuple[str, Pixel]] = ()
     bar: tuple[float, tuple[Pixel, Pixel]] | None = None
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height [px]."""
+        return self.width, self.height
+
 
 def data_uri(content: bytes, kind: str) -> str:
     """Return bytes as a data URI."""
@@ -89,6 +94,15 @@ def circle(centre_mm: Sequence[float], radius_mm: float, plane: PlaneMap, points
     angle = np.linspace(0.0, 2.0 * np.pi, points)
     around = np.column_stack((np.cos(angle), np.sin(angle)))
     return plane.to_px(np.asarray(centre_mm) + radius_mm * around)
+
+
+def map_path(path_mm: ArrayLike, true_mm: Sequence[float], mapped_mm: Sequence[float]) -> FloatArray:
+    """Return a path (N, 2), (y, z) [mm], as a map has it that puts `true_mm` at `mapped_mm` and is right at its origin.
+
+    What turns or stretches a map grows from there.
+    """
+    path = np.asarray(path_mm, dtype=np.float64).reshape(-1, 2)
+    return path + np.outer(path[:, 1] / true_mm[1], np.subtract(mapped_mm, true_mm))
 
 
 def scale_bar(size: tuple[int, int], plane: PlaneMap) -> tuple[float, tuple[Pixel, Pixel]]:

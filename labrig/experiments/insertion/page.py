@@ -19,7 +19,7 @@ from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke
 from labrig.report.page import Page
-from labrig.report.pictures import PLATE, Plate, photograph, polyline, scale_bar
+from labrig.report.pictures import PLATE, Plate, map_path, photograph, polyline, scale_bar
 from labrig.vision.plane import PlaneMap
 
 __all__ = ["TEMPLATE", "make_films", "make_page"]
@@ -52,22 +52,17 @@ class ShownInsertion:
 
 def make_page(run: Run, _protocol: InsertionProtocol, result: AnalysisResult[InsertionResult]) -> Page:
     """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
-    content, plane = result.content, load_plane_map(run)
-    return Page(TEMPLATE, plane, _collect_content(run, content, plane))
-
-
-def _collect_content(run: Run, content: InsertionResult, plane: PlaneMap) -> dict[str, Any]:
-    events = read_scenes(run)
+    content, plane, events = result.content, load_plane_map(run), read_scenes(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
-    noise = content.sighting_noise
-    return {
+    parts = {
         "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
         "shown": [
             _draw_insertion(run, trial, events.get(trial.trial, ()), plane)
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
-        "noise_told": describe_sighting_noise(None if noise is None else vars(noise)),
+        "noise_told": describe_sighting_noise(vars(noise) if (noise := content.sighting_noise) else None),
     }
+    return Page(TEMPLATE, plane, parts)
 
 
 def _draw_insertion(
@@ -75,28 +70,30 @@ def _draw_insertion(
 ) -> ShownInsertion:
     plans = [event for event in events if isinstance(event, PathSought)]
     figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
-    panels, scene = list[Panel](), Scene(plane)
+    targets = {} if trial.markers else {line["trial"]: line.get("target_mm") for line in run.lines("truth")}
+    true_mm, panels, scene = targets.get(trial.trial) or trial.target_mm, list[Panel](), Scene(plane)
     for event in events:
         scene.take(event)
         if isinstance(event, PathSought) and any(event is plan for plan in _select_plans(plans)):
-            frame = _find_scene(run, trial.trial) if event.frame is None else event.frame
+            frame = _find_scene(run, trial) if event.frame is None else event.frame
             strokes = *scene.draw_places(), *scene.former, *scene.draw_ways()
             title = f"{event.depth_mm:.1f} mm, {event.t_s - trial.start_t_s:.0f} s"
             panels += _draw_panel(run, frame, strokes, plane, (title, event.because))
-    if trial.final_frame is not None:
-        seconds = run.frame_lines[trial.final_frame].t_s - trial.start_t_s
+    final = trial.final_frame if panels or trial.final_frame is not None else _find_scene(run, trial)
+    if final is not None and scene.start is not None:
+        seconds = max(0.0, run.frame_lines[final].t_s - trial.start_t_s)
         strokes = (
             *scene.draw_places(),
             *scene.former,
             *scene.draw_line("former", scene.plan_mm),
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
-            *scene.draw_line("true", trial.true_path_mm),
+            *scene.draw_line("true", map_path(trial.true_path_mm, true_mm[1:], trial.target_mm[1:])),
         )
         told = (
             f"{trial.length_mm or 0.0:.1f} mm, {seconds:.0f} s",
             "stopped, at the target" if trial.reached else f"stopped, {trial.cause}",
         )
-        panels += _draw_panel(run, trial.final_frame, strokes, plane, told)
+        panels += _draw_panel(run, final, strokes, plane, told)
     return ShownInsertion(trial, tuple(panels), figure)
 
 
@@ -110,10 +107,12 @@ def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:
     return [kept[place] for place in chosen]
 
 
-def _find_scene(run: Run, trial: int) -> int | None:
-    """Return the frame taken before the needle moved."""
-    own = [line for line in run.frame_lines if (line.role, line.trial) == (InsertionRole.SCENE, trial)]
-    return own[-1].frame if own else None
+def _find_scene(run: Run, trial: InsertionTrial) -> int | None:
+    """Return the last frame before a trial with the needle in its sheath, or its own before the needle moved."""
+    own = (InsertionRole.SCENE, trial.trial)
+    before = (line for line in run.frame_lines if line.t_s <= trial.start_t_s and not line.insertion_mm)
+    scenes = (line for line in run.frame_lines if (line.role, line.trial) == own)
+    return max((line.frame for line in (*before, *scenes)), default=None)
 
 
 def _draw_panel(
@@ -123,8 +122,7 @@ def _draw_panel(
     plate = None if frame is None else photograph(run, frame, PLATE)
     if plate is not None:
         lines = [(stroke.name, polyline(stroke.px)) for stroke in strokes]
-        words = [(told[0], (0.02 * plate.width, 0.04 * plate.width))]
-        bar = scale_bar((plate.width, plate.height), plane)
+        words, bar = [(told[0], (0.02 * plate.width, 0.04 * plate.width))], scale_bar(plate.size, plane)
         at_target = [np.asarray(stroke.px) for stroke in strokes if stroke.name == "target"]
         yield Panel(*told, replace(plate, lines=lines, words=words, bar=bar), _frame(at_target))
 

@@ -47,8 +47,11 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
         "origins.csv", "planned from where the sheath was found", "how far the estimate is off", "Clearance", "NIS",
         "Reached: by the shaft in the final picture the needle's end is <b>0",
         r"the needle's end is <b>0\.\d\d\u00a0mm</b> from the target in the plane",
-        r"\(standard deviation 0\.\d\d\u00a0mm\), and at most <b>\d\.\d\d\u00a0mm</b> in space; 2\u00a0mm are allowed",
-        "true error", "truth", "Heading", r"is off, which no innovation shows: \d\.\d\d\u00a0mm at the target",
+        r"\(standard deviation 0\.\d\d\u00a0mm\), and with 97\.5\u00a0% at most <b>",
+        r"% at most <b>\d\.\d\d\u00a0mm</b> in space; 2\u00a0mm are allowed",
+        r"The plane map is off by \d\.\d\d\u00a0mm here\. The truth is drawn in this map", "so it cancels",
+        "<dd>radius .*mm at y .*, z .*mm</dd>", "true error", "truth", "Heading",
+        r"is off, which no innovation shows: \d\.\d\d\u00a0mm at the target",
         "<dt>NIS</dt>", "<h3>In space</h3>", ">Roll zero<",
         ">Lag of the bevel<", ">Wandering<", ">Start<", ">In the plane<", "To &lt;b&gt;there&lt;/b&gt;",
         "as far as the protocol's standard deviations are true",
@@ -72,3 +75,14 @@ def test_the_view_shows_the_insertion_too() -> None:
     assert shown["/nis/95 % below"][0] == pytest.approx(chi2.ppf(0.95, 2), abs=0.01)
     followed = read_view(write_view(run, {}, follow_run(run), describe_statusword))
     assert followed["/nis/NIS"] == pytest.approx(shown["/nis/NIS"])
+
+
+def test_without_a_path_the_page_says_what_to_do() -> None:
+    """The reason stands there once, with what to do, and no part is empty."""
+    run = record_insertion("target.position_mm=[0,20,10]")
+    result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
+    page = write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
+    assert "Move the target or an obstacle" in page
+    assert "there is no path:" not in page
+    assert "On the way" not in page
+    assert "<h2>How sure" not in page

@@ -278,6 +278,23 @@ def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, handlelength=1.8)
 
 
+def _find_hull(views: Iterable[ArrayLike]) -> cv2.typing.MatLike:
+    corners_px = np.concatenate([np.reshape(corners, (-1, 2)) for corners in views])
+    return cv2.convexHull(corners_px.astype(np.float32))
+
+
+def clip_to_corners(line_px: FloatArray, views: Sequence[ArrayLike]) -> FloatArray:
+    """Return a line (2, 2) as far as it is within the corners (N, 2) of all views [px]; all of it if none is."""
+    hull = _find_hull(views or [line_px])
+    points = np.linspace(line_px[0], line_px[1], 500)
+    within = [
+        place
+        for place, px in enumerate(points.tolist())
+        if cv2.pointPolygonTest(hull, px, measureDist=False) >= 0
+    ]
+    return points[[within[0], within[-1]]] if within else line_px
+
+
 def draw_lens(
     image_size: tuple[int, int],
     views: Iterable[tuple[ArrayLike, ArrayLike]],
@@ -295,7 +312,7 @@ def draw_lens(
         figure = Figure(figsize=(8.4, 8.0 * height / width + 0.6), layout="constrained")
         axes = figure.subplots()
         if seen:
-            hull = cv2.convexHull(np.concatenate([corners_px for corners_px, _ in seen]).astype(np.float32))
+            hull = _find_hull(corners_px for corners_px, _ in seen)
             axes.fill(*hull[:, 0].T, facecolor="#0072b2", alpha=0.1)
         for corners_px, errors_px in seen:
             axes.plot(*corners_px.T, ".", color=mark(0).colour, markersize=3)

@@ -13,10 +13,18 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from labrig.library.scenario import load_scenario, make_problem
-from labrig.report.figures import Design, GelSeries, draw_lens, draw_steerability_figure, write_figure
+from labrig.report.figures import (
+    Design,
+    GelSeries,
+    clip_to_corners,
+    draw_lens,
+    draw_steerability_figure,
+    write_figure,
+)
 from labrig.report.film import draw_film_picture
 from labrig.report.film_pictures import FilmPicture, Stroke
 from labrig.report.palette import mark
+from labrig.report.pictures import map_path
 from labrig.report.plan_figure import _draw_view
 from labrig.steering.planner import plan_path
 from tests.cli.conftest import SCENARIO
@@ -53,6 +61,15 @@ def test_a_telephone_sees_the_panels_below_each_other() -> None:
     assert narrow < 0.5 * wide
     assert tall > 1.2 * high
     assert drawn.figure.axes[0].get_position().x1 < drawn.figure.axes[1].get_position().x0
+
+
+def test_a_line_ends_where_no_corner_was_seen_and_a_true_path_ends_where_the_map_puts_it() -> None:
+    """Within a square of corners half of the line is left; without a corner all. A path moves as the map does."""
+    line, square = np.array(((5.0, 5.0), (15.0, 5.0))), [[(0, 0), (10, 0), (10, 10), (0, 10)]]
+    np.testing.assert_allclose(clip_to_corners(line, square), ((5.0, 5.0), (10.0, 5.0)), atol=0.02)
+    np.testing.assert_allclose(clip_to_corners(line, []), line)
+    moved = map_path([(0.0, 0.0), (3.7, 100.0)], (3.8, 100.0), (4.0, 99.0))
+    np.testing.assert_allclose(moved, ((0.0, 0.0), (3.9, 99.0)))
 
 
 def list_points(line: Line2D) -> NDArray[np.float64]:

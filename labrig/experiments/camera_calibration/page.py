@@ -14,7 +14,7 @@ from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
-from labrig.report.figures import DrawnFigure, draw_lens, svg
+from labrig.report.figures import DrawnFigure, clip_to_corners, draw_lens, svg
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, photograph, pixel, polyline
 from labrig.vision.calibrate_plane import LARGEST_OFF_MM
@@ -51,7 +51,8 @@ def make_page(
     content, plane = result.content, None
     if content.plane is not None:
         plane = load_plane(result.path / PLANE_FILE, load_intrinsics(result.path / INTRINSICS_FILE))
-    needle_px = None if plane is None else _find_needle_px(plane)
+    seen = list(content.corners.values())
+    needle_px = None if plane is None else clip_to_corners(_find_needle_px(plane), seen)
     papers = [line.frame for line in run.frame_lines if line.role == CalibrationRole.GRAPH_PAPER]
     paper = photograph(run, papers[-1], PLATE) if papers else None
     if paper is not None and plane is not None:

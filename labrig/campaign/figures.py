@@ -51,6 +51,7 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         axes[0].set_xlabel(label_quantity(result.measure))
         if result.tolerance is not None:
             axes[0].axvline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
+            axes[1].tick_params(labelleft=True)  # below one another, each panel needs its own names
             axes[1].set_xlabel(f"share within {tell_value(result.tolerance, result.measure)} (%)")
         for panel in axes:
             panel.grid(visible=True, axis="x")

@@ -63,6 +63,8 @@ _DESIGN_LINE: dict[str, Any] = {"color": DESIGN, "linewidth": 1.4, "linestyle": 
 _MEAN: dict[str, Any] = {"markersize": 6, "capsize": 3.5, "linewidth": 1.5}
 _SD: dict[str, Any] = {"fmt": "none", "elinewidth": 6.0, "alpha": 0.22}
 _DRAWN: dict[str, Any] = {"fmt": "none", "color": "black", "elinewidth": 1.6}
+_CLEAR: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+"""Behind words that stand on a line."""
 _PAPER: dict[str, Any] = {"fmt": "D", "color": "#666666", "mfc": "white", "markersize": 5, "linewidth": 0.9}
 
 
@@ -194,7 +196,7 @@ def draw_interval(
     if tuple(shown) != tuple(ends):
         words, at = f"{ends[0]:.3g} to {ends[1]:.3g}".replace("-", "−"), float(shown[int(upright)])
         # Beside an upright interval, and above the end of any other.
-        look: dict[str, Any] = {"rotation": 90, "va": "top"} if upright else {"va": "bottom"}
+        look: dict[str, Any] = {"rotation": 90, "va": "top", "bbox": _CLEAR} if upright else {"va": "bottom"}
         place_at, off = ((place, at), (-11, 0)) if upright else ((at, place), (0, 5))
         axes.annotate(words, place_at, off, textcoords="offset points", fontsize=8, color=colour, **look)
 
@@ -260,7 +262,7 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
     axes.set_xticks(range(len(series)), [gel.label for gel in series])
     axes.set(
         title="Radius of each insertion, and means",
-        xlabel="gelatin, powder to water by mass",
+        xlabel="gelatin, mass of powder per water",
         ylabel="radius of curvature (mm)",
         xlim=(-0.6, len(series) - 0.4),
     )
@@ -269,8 +271,10 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
 
 def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
     """Add a legend of the marks in the figure."""
-    axes.errorbar([], [], [], fmt="o", color=_GREY, label="mean, 95 % interval of it", **_MEAN)
-    axes.errorbar([], [], [], ecolor=_GREY, label="± SD of the insertions", **_SD)
+    interval = ", 95 % interval of it" if any(gel.ci95_mm for gel in series) else ""
+    axes.errorbar([], [], [] if interval else None, fmt="o", color=_GREY, label=f"mean{interval}", **_MEAN)
+    if any(gel.sd_mm is not None for gel in series):
+        axes.errorbar([], [], [], ecolor=_GREY, label="± SD of the insertions", **_SD)
     if any(gel.paper_mm for gel in series):
         axes.errorbar([], [], [], label="paper: mean, ± SD dashed", **_PAPER)
     if any(gel.drawn_mean_mm is not None for gel in series):

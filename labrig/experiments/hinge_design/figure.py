@@ -34,7 +34,7 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
         for axes, links, title in (
             (along, hinge.links, "Hinge a: pin towards you"),
             (across, hinge.section(0.0), "Hinge b: pin sideways"),
-            (detail, hinge.links, "The cut of hinge a, enlarged"),
+            (detail, hinge.links, "Schematic: the cut of hinge a"),
         ):
             _draw_links(axes, links)
             axes.set_title(title)

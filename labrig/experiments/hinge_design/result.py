@@ -142,8 +142,8 @@ def _tell_tolerance(tolerance: RadiusTolerance) -> str:
     high_mm = "more" if tolerance.high_mm is None else number(tolerance.high_mm, 2)
     return (
         f"A micrometre more of clearance makes the radius {number(-0.001 * tolerance.per_clearance, 2)} mm smaller, a "
-        f"tenth of a degree more {number(-0.1 * tolerance.per_degree_mm, 2)} mm: within the tolerances of the laser "
-        f"it is {number(tolerance.low_mm, 2)} to {high_mm} mm."
+        f"tenth of a degree more {number(-0.1 * tolerance.per_degree_mm, 2)} mm smaller: within the tolerances of the "
+        f"laser it is {number(tolerance.low_mm, 2)} to {high_mm} mm."
     )
 
 

@@ -119,10 +119,9 @@ def _draw_figure(result: RollZeroResult, residuals_mm: list[float], name: str) -
         axes.set(ylabel="tip deflection, y (mm)")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
         below.axhline(0.0, color=DESIGN, linewidth=0.8)
-        below.set(xlabel="rotation axis (degrees)", ylabel="residual (mm)")
+        below.set(xlabel="rotation axis (degrees)", ylabel="residual (mm)", ymargin=0.3)
         below.set_xticks(range(-60, 301, 60))
         below.set_xlim(_FIRST_DEG - 15.0, _FIRST_DEG + 375.0)
-        below.set_ymargin(0.3)
         for panel in (axes, below):
             panel.grid(visible=True)
         return svg(figure, name)

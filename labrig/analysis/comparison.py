@@ -150,7 +150,10 @@ def compare_runs(
     rows, fields, notes = group_rows(_read_rows(used, wanted), used, by)
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
-    each = "block" if unit == "specimen" else counted.index
+    insertion = counted["run"] + counted["trial"].astype("string").combine_first(
+        counted.index.to_series().astype("string")
+    )
+    each = counted["block"] if unit == "specimen" else insertion.rename("insertion")
     units = counted.groupby(["group", each], sort=False)["value"].mean()
     shared = _find_shared(counted, unit, wanted, used)
     least = 0.0 if wanted.endswith("error_mm") and units.min() >= 0.0 else -math.inf

@@ -110,8 +110,8 @@ class Measured:
         trials = trials.loc[:, ~trials.map(lambda cell: isinstance(cell, list | dict)).any().astype(bool)]
         added = [name for name in map(str, trials) if name not in rows or name == "trial"]
         rows = rows.astype({"trial": "Int64"}).merge(trials[added], on="trial", how="left")
-        # Of a trial with several pictures the final one counts.
-        several = rows["trial"].notna() & rows.duplicated("trial", keep=False)
+        # Of a trial with several pictures the final one counts, if one was taken as such.
+        several = rows["final_frame"].notna() & rows.duplicated("trial", keep=False)
         if "frame" in rows:
             rows = rows[~several | (rows["frame"] == rows["final_frame"]).fillna(value=False)]
         times_s = rows["start_t_s"].astype("float64").fillna(0.0)

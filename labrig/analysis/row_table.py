@@ -4,7 +4,7 @@
 `conclude(protocol, rows)`, where there is one, says what follows from all of them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -99,7 +99,6 @@ def analyze_rows(
     PluginError
         When the experiment's own code fails.
     """
-    measure, units = experiment.part("measure"), experiment.find_part("UNITS") or {}
     made = {
         trial.start.trial
         for trial in run.read_trials(TrialStart, TrialStop)
@@ -108,37 +107,41 @@ def analyze_rows(
     lines = [line for line in run.frame_lines if line.trial in made and not line.drawn]
     rows = []
     for done, line in enumerate(lines, start=1):
-        rows.append(_measure(experiment, run, line, lambda picture: measure(picture, protocol), units))
+        rows.append(_measure(experiment, run, line, protocol))
         if request.progress is not None:
             request.progress(done, len(lines))
-    conclude = experiment.find_part("conclude")
-    conclusion: Row = {}
-    if conclude is not None:
-        conclusion = _call(experiment, lambda: conclude(protocol, rows))
+    conclude: Callable[..., Row] = experiment.find_part("conclude") or (lambda *_: {})
     settings = getattr(protocol, "analysis", None)
     fields = request.stamp.list_members({} if settings is None else settings.model_dump())
-    return Findings(RowTable(**fields, rows=tuple(rows), conclusion=dict(conclusion)))
+
+    def make_table() -> RowTable:
+        return RowTable(**fields, rows=tuple(rows), conclusion=_make_plain(conclude(protocol, rows)))
+
+    return Findings(_call(experiment, make_table))
 
 
 def _measure(
-    experiment: MeasuredExperiment,
-    run: Run,
-    line: FrameLine,
-    measure: Callable[[MeasuredPicture], Row],
-    units: Mapping[str, str],
+    experiment: MeasuredExperiment, run: Run, line: FrameLine, protocol: ExperimentProtocol
 ) -> dict[str, Value]:
     """Return the row of a picture; what was measured is named with its unit."""
+    measure, units = experiment.part("measure"), experiment.find_part("UNITS") or {}
     place = {name: getattr(line, name) for name in _OF_THE_PICTURE}
-    found: Row = dict.fromkeys(units)
-    reason = None
+    found, reason = dict[str, Value].fromkeys(units), None
     try:
         picture = MeasuredPicture(image=run.read_frame(line.frame), run=run, **place)
-        found = _call(experiment, lambda: measure(picture))
+        found = _call(experiment, lambda: _make_plain(measure(picture, protocol), place))
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         reason = error.message
-    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in found.items()}
-    measured = {f"{name}_{units[name]}" if units.get(name) else name: value for name, value in plain.items()}
+    measured = {f"{name}_{units[name]}" if units.get(name) else name: value for name, value in found.items()}
     return {**place, **measured, "reason": reason}
+
+
+def _make_plain(found: Row, taken: Iterable[str] = ()) -> dict[str, Value]:
+    """Return what a package's code found with Python's own numbers, None for those that are none."""
+    if again := found.keys() & {*taken}:
+        raise ValueError(f"{', '.join(sorted(again))} is a column of every picture: choose another name")
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in found.items()}
+    return {name: None if value != value else value for name, value in plain.items()}  # noqa: PLR0124 - NaN
 
 
 def _call(experiment: MeasuredExperiment, call: Callable[[], Any]) -> Any:

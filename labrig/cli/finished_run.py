@@ -15,18 +15,19 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
     """Print how a run ended, and return the exit code; a withdrawal has no experiment, and is not measured."""
     error, result, needle = finished.outcome.error, finished.result, finished.needle
     checksum = read_checksum(finished.path)
+    left_in = needle is not None and bool(needle.way_out)
+    if needle is not None and (left_in or error is not None):
+        say_where_needle_is(needle.location)
     if error is not None:
-        if needle is not None:
-            say_where_needle_is(needle.location)
         # After a no, the one next step is to continue, where that is possible.
         declined = isinstance(error, OperatorDeclinedError) and finished.can_resume
         say_failure(error.reword(error.message, "") if declined else error)
-        if needle is not None and needle.way_out:
-            say(f"then: {needle.way_out}")
-        if result is None:
-            frames = finished.path / FRAME_LINES
-            has_pictures = frames.is_file() and frames.stat().st_size > 0
-            _say_what_is_left(finished, measurable=experiment is not None and has_pictures)
+    if needle is not None and left_in:
+        say(f"then: {needle.way_out}")
+    if error is not None and result is None:
+        frames = finished.path / FRAME_LINES
+        has_pictures = frames.is_file() and frames.stat().st_size > 0
+        _say_what_is_left(finished, measurable=experiment is not None and has_pictures)
     print_json({
         "run": str(finished.path),
         "exit_status": finished.outcome.exit_status,

@@ -103,7 +103,8 @@ def finish(
     error = ended.outcome.error
     if error is not None and not is_measurable(error):
         return _show_failure(ended, experiment, attendant)
-    ended = replace(ended, needle=None, can_resume=False)
+    left_in = ended.needle is not None and ended.needle.way_out
+    ended = replace(ended, needle=ended.needle if left_in else None, can_resume=False)
     if ended.signal_name is not None:
         return _end_interrupted(ended, ended.signal_name)
     try:

@@ -33,11 +33,12 @@ def write_measured_run(
     protocol: str = "",
     rig: str = "bench",
     quantity: str = "radius_mm",
+    final: bool = True,
 ) -> Path:
     """Write a run with these radii in each (specimen, gelatin %), None for a refused one, and return its folder.
 
     Each trial has a picture on the way, whose radius of 99 mm must not count, and a final one. `with_file` names the
-    specimens that have a file; `protocol` is added to the run's.
+    specimens that have a file; `protocol` is added to the run's. Not `final`: no picture is told to be the final one.
     """
     calibration = {"intrinsics.json": b'{"fx": 1.0}', "plane.json": plane}
     manifest = {
@@ -59,7 +60,9 @@ def write_measured_run(
                 recorder.frame(picture(number), 60.0 * trial + 40.0, **shown)
                 told = (number, role, trial, *named.values(), found is not None, why, found)
                 rows.append([*told, *SIGMAS_MM.values()])
-            stopped = {"trial": trial, "exit_status": "success", "final_frame": len(rows) - 1}
+            stopped = {"trial": trial, "exit_status": "success"} | (
+                {"final_frame": len(rows) - 1} if final else {}
+            )
             recorder.event("trial_stop", 60.0 * trial + 50.0, **stopped)
             if trial in (bad or {}):
                 recorder.event("mark_bad", 60.0 * trial + 55.0, trial=trial, reason=(bad or {})[trial])

@@ -40,6 +40,18 @@ def test_only_final_and_accepted_measurements_count(tmp_path):
     assert list(compared.table["left_out"].dropna()) == ["marked as bad: a bubble"]
 
 
+def test_pictures_of_a_trial_without_a_final_one_count_as_one_measurement(tmp_path):
+    """Their mean is that of the trial; grouped by picture they stand apart."""
+    run = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)}, final=False)
+    soft, hard = _compare(run).comparison.groups
+    assert (soft.n, soft.mean, hard.n, hard.mean) == (2, pytest.approx(63.6), 2, pytest.approx(63.05))
+    by_role = _compare(run, by=("role",)).comparison.groups
+    assert [(group.n, group.mean) for group in by_role] == [
+        (2, 99.0),
+        (2, pytest.approx(27.65)),
+    ]  # of two gels each
+
+
 def test_insertions_into_one_block_are_no_independent_specimens(tmp_path):
     """With a block in each group insertions are counted, and it is said what that is worth; with two, blocks are."""
     first = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4), HARD: (27.0, 27.2)})

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from labrig.plugins import find_plugins
-from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
+from tests.cli.conftest import RIG, ROOT, SWEEP, Done, Labrig
 from tests.installing import install_package
 
 EXAMPLE = ROOT / "labrig" / "manual" / "example"
@@ -124,6 +124,60 @@ def test_a_mistake_that_only_a_run_meets_is_told_with_its_line_and_the_record(
     told, (run,) = " ".join(done.err.split()), (tmp_path / "runs").glob("*-late")
     assert done.exit_code == 2
     assert re.search(rf"lab-package .*lab_late\.py, line 17.*the record is {run}", told), told
+
+
+MEASURING = """
+import os
+
+UNITS = {"u": "px"}
+
+def run(protocol, session):
+    for trial in session.trials([0]):
+        with trial:
+            session.reference_axes()
+            session.move("insertion", 5.0, 5.0)
+            session.take_picture()
+
+def measure(picture, protocol):
+    return eval(os.environ["LAB_FOUND"])
+
+def conclude(protocol, rows):
+    return eval(os.environ["LAB_CONCLUDED"], {"rows": rows})
+"""
+
+
+def test_what_a_package_measures_wrongly_is_its_own_fault(
+    site: Path, tmp_path: Path, labrig: Labrig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The package is named and the record stays; what is no number is unknown."""
+    entry_points = "[labrig.experiments]\nwrong = lab_wrong:EXPERIMENT\n"
+    install_package(
+        site, "lab-package", entry_points, "lab_wrong", DECLARATION.format(name="wrong", more=MEASURING)
+    )
+
+    def measure(found: str, concluded: str, *words: object) -> Done:
+        monkeypatch.setenv("LAB_FOUND", found)
+        monkeypatch.setenv("LAB_CONCLUDED", concluded)
+        return labrig(*words, "--json")
+
+    of_run = ("run", _protocol(tmp_path, "wrong"), "--rig", RIG, "--runs-dir", tmp_path / "runs")
+    ran = measure("{'u': float('nan')}", "{'mean_px': float('nan'), 'rows': len(rows)}", *of_run)
+    assert "then: the needle is in simulated gel" in ran.err  # its procedure did not take it out
+    done = ran.json()
+    assert (done["result"]["rows"][0]["u_px"], done["result"]["conclusion"]) == (
+        None,
+        {"mean_px": None, "rows": 1},
+    )
+    for found, concluded, words in (
+        ("[1.0]", "{}", "'list' object has no attribute 'keys'"),
+        ("{'insertion_mm': 1.0}", "{}", "insertion_mm is a column of every picture"),
+        ("{'u': (1.0, 2.0)}", "{}", "rows.0.u_px"),
+        ("{'u': 1.0}", "None", "'NoneType' object has no attribute"),
+    ):
+        failed = measure(found, concluded, "reanalyze", done["run"])
+        assert (failed.exit_code, "lab-package" in failed.err, words in failed.err) == (2, True, True), (
+            failed.err
+        )
 
 
 def test_a_record_is_read_without_the_packages_that_made_it(

@@ -150,9 +150,8 @@ def compare_runs(
     rows, fields, notes = group_rows(_read_rows(used, wanted), used, by)
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
-    insertion = counted["run"] + counted["trial"].astype("string").combine_first(
-        counted.index.to_series().astype("string")
-    )
+    pictures = counted.index.to_series().astype("string")
+    insertion = counted["run"] + counted["trial"].astype("string").combine_first(pictures)
     each = counted["block"] if unit == "specimen" else insertion.rename("insertion")
     units = counted.groupby(["group", each], sort=False)["value"].mean()
     shared = _find_shared(counted, unit, wanted, used)

@@ -71,8 +71,7 @@ def step_belief(belief: TipBelief, observation: TipObservation, settings: Estima
     leaves = -math.expm1(-observation.step_mm / CAVITY_MM)
     entered, stayed_in = (1.0 - belief.cavity) * enters, belief.cavity * (1.0 - leaves)
     cavity = entered + stayed_in
-    left = belief.cavity * leaves
-    from_inside = left / (1.0 - cavity), stayed_in / cavity if cavity else 0.0
+    from_inside = belief.cavity * leaves / (1.0 - cavity), stayed_in / cavity if cavity else 0.0
     apart = _find_error(belief.outside, belief.inside)
     outside, inside = (_mix(belief.outside, belief.inside, apart, share) for share in from_inside)
     outside = step_tip(outside, observation, settings)

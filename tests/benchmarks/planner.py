@@ -30,16 +30,8 @@ def print_table() -> None:
         rows.append(_row(count, [draw_planar_problem(rng, count) for _ in range(size)]))
     rows.append(_row(3, draw_spatial_problems(40, seed=3)))
     heads = (
-        "problems",
-        "solved",
-        "oracle",
-        "alone",
-        "bad",
-        "median ms",
-        "95 % ms",
-        "worst ms",
-        "of oracle's",
-    )
+        "problems", "solved", "oracle", "alone", "bad", "median ms", "95 % ms", "worst ms", "of oracle's",
+    )  # fmt: skip
     print_rows(heads, rows)
     print_tight()
 

@@ -11,14 +11,7 @@ from labrig.analysis.run import analyze_run
 from labrig.experiments.registry import find_run_experiment
 from labrig.record.notes import annotate_run
 from labrig.record.reader import open_run
-from tests.analysis.synthetic import (
-    NOW,
-    PROVENANCE,
-    SyntheticSweep,
-    abort_sweep,
-    record_import,
-    record_sweep,
-)
+from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, abort_sweep, record_import, record_sweep
 from tests.experiments.camera_calibration.recorded import record_calibration
 from tests.pages import write_page
 from tests.report.conftest import HOSTILE, WrittenPage, make_page

@@ -278,8 +278,7 @@ def test_the_present_path_is_mended_and_compared():
 
 
 @pytest.mark.parametrize(
-    ("arcs", "target", "spheres", "off_rad"),
-    [(2, (0.0, 8.0, 60.0), (), 0.1), (4, TARGET, OBSTACLES, -0.08)],
+    ("arcs", "target", "spheres", "off_rad"), [(2, (0.0, 8.0, 60.0), (), 0.1), (4, TARGET, OBSTACLES, -0.08)]
 )
 def test_mending_reaches_the_target_off_the_obstacles_in_four_steps(arcs, target, spheres, off_rad):
     """By two arcs, which both have to change, and by four that touch two obstacles: the slopes are exact."""

@@ -13,21 +13,11 @@ import pytest
 import typer
 from typer.main import get_command
 
+from labrig import errors
 from labrig.cli.finished_run import print_finished
 from labrig.cli.main import app, run_command
 from labrig.cli.manual import find_pages, read_title
 from labrig.cli.output import failure_document
-from labrig.errors import (
-    BusError,
-    BusOffError,
-    BusPassiveError,
-    DiskError,
-    DriveFaultError,
-    DriveRestartedError,
-    DriveSilentError,
-    Fault,
-    LabrigError,
-)
 from labrig.experiments.declared import find_experiment
 from labrig.lab import RUNS_DIR_VARIABLE
 from labrig.library.sources import Sources, find_recorded_rig
@@ -226,23 +216,27 @@ def test_what_a_library_raises_is_told_in_words(capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ("error", "name", "code"),
     [
-        (BusError("gone"), "bus-lost", 0x8100),
-        (BusPassiveError("passive"), "error-passive", 0x8120),
-        (BusOffError("off"), "bus-off", 0x81FD),
-        (DriveRestartedError("restarted"), "boot-up", 0),
-        (DriveSilentError("mute"), "no-answer", 0x05040000),
-        (DriveFaultError("hot", fault=Fault("emergency", 0x4210, 8, "too hot")), "emergency", 0x4210),
+        (errors.BusError("gone"), "bus-lost", 0x8100),
+        (errors.BusPassiveError("passive"), "error-passive", 0x8120),
+        (errors.BusOffError("off"), "bus-off", 0x81FD),
+        (errors.DriveRestartedError("restarted"), "boot-up", 0),
+        (errors.DriveSilentError("mute"), "no-answer", 0x05040000),
+        (
+            errors.DriveFaultError("hot", fault=errors.Fault("emergency", 0x4210, 8, "too hot")),
+            "emergency",
+            0x4210,
+        ),
     ],
 )
 def test_a_fault_of_bus_or_drive_has_its_name_and_code_in_json(
-    error: LabrigError, name: str, code: int
+    error: errors.LabrigError, name: str, code: int
 ) -> None:
     """`error.fault` holds a stable name, the code of the manuals, the register bit and a text."""
     fault = failure_document(error)["fault"]
     assert isinstance(fault, dict)
     assert (fault["name"], fault["code"], set(fault)) == (name, code, {"name", "code", "register", "text"})
     assert fault["text"]
-    assert set(failure_document(DiskError("full", "make room"))) == {"type", "message", "hint"}
+    assert set(failure_document(errors.DiskError("full", "make room"))) == {"type", "message", "hint"}
 
 
 @pytest.mark.parametrize(

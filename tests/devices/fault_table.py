@@ -8,23 +8,7 @@ the drives strikes while axes idle, move, and hold still during a question. `Cel
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from labrig.errors import (
-    BusError,
-    BusOffError,
-    BusPassiveError,
-    CameraError,
-    DiskError,
-    DriveFaultError,
-    DriveRefusedError,
-    DriveRestartedError,
-    DriveSilentError,
-    DriveStrayedError,
-    ForceGuardError,
-    InterruptedRunError,
-    LabrigError,
-    SafetyStopError,
-    SecondMasterError,
-)
+from labrig import errors
 
 HEARTBEAT_S = 0.5
 """Silence after which a drive stops by itself, and the computer believes a drive to be dead."""
@@ -67,7 +51,7 @@ class FaultOutcome:
     """What must come of a fault."""
 
     ends: str  # exit status of the run
-    error: type[LabrigError] | None  # what names the fault
+    error: type[errors.LabrigError] | None  # what names the fault
     words: str  # stand in the reason that the record states
     stop: Stop  # by when the axis stands still
     lost: Lost  # references that the next run does not believe
@@ -80,17 +64,17 @@ SURVIVED = FaultOutcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE, counte
 UNNOTICED = FaultOutcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE)
 
 
-_ONLY_FAULT: dict[type[LabrigError], tuple[str, int]] = {
-    BusError: ("bus-lost", 0x8100), BusPassiveError: ("error-passive", 0x8120),
-    BusOffError: ("bus-off", 0x81FD), DriveRestartedError: ("boot-up", 0),
-    DriveRefusedError: ("sdo-abort", 0x08000022), SecondMasterError: ("second-master", 0),
-    DriveStrayedError: ("strayed", 0),
+_ONLY_FAULT: dict[type[errors.LabrigError], tuple[str, int]] = {
+    errors.BusError: ("bus-lost", 0x8100), errors.BusPassiveError: ("error-passive", 0x8120),
+    errors.BusOffError: ("bus-off", 0x81FD), errors.DriveRestartedError: ("boot-up", 0),
+    errors.DriveRefusedError: ("sdo-abort", 0x08000022), errors.SecondMasterError: ("second-master", 0),
+    errors.DriveStrayedError: ("strayed", 0),
 }  # fmt: skip
 _HEARTBEAT_LOST, _NO_ANSWER = ("heartbeat-lost", 0x8130), ("no-answer", 0x05040000)
 
 
 def _fails(
-    error: type[LabrigError],
+    error: type[errors.LabrigError],
     words: str,
     stop: Stop = Stop.BY_ANYBODY,
     lost: Lost = Lost.STRUCK,
@@ -100,11 +84,11 @@ def _fails(
 
 
 def _emergency(code: int, words: str, stop: Stop = Stop.BY_ANYBODY, lost: Lost = Lost.STRUCK) -> FaultOutcome:
-    return _fails(DriveFaultError, f"error 0x{code:04X}, {words}", stop, lost, ("emergency", code))
+    return _fails(errors.DriveFaultError, f"error 0x{code:04X}, {words}", stop, lost, ("emergency", code))
 
 
 def _find_later(
-    error: type[LabrigError], words: str, *, in_tissue: bool = False
+    error: type[errors.LabrigError], words: str, *, in_tissue: bool = False
 ) -> dict[Phase, FaultOutcome]:
     """Return what comes of a fault that is found when the next picture is taken, or the next line written."""
     found = _fails(error, words, lost=Lost.NONE)
@@ -112,15 +96,15 @@ def _find_later(
     return {Phase.IDLE: later, Phase.MOVING: found, Phase.HOMING: replace(later, stop=Stop.NO_DEADLINE)}
 
 
-def _aborts(error: type[LabrigError], words: str) -> FaultOutcome:
+def _aborts(error: type[errors.LabrigError], words: str) -> FaultOutcome:
     return FaultOutcome("aborted", error, words, Stop.BY_ANYBODY, Lost.NONE)
 
 
-_SILENT = _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER)
+_SILENT = _fails(errors.DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER)
 _SILENT_AT_REST = replace(_SILENT, stop=Stop.AFTER_SILENCE)  # nothing moves, and the dead-man acts
 _HUNG = _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL)
 _STOOD_STILL = replace(_HUNG, words="labrig itself stood still for")
-_RESTARTED = _fails(DriveRestartedError, "has restarted: it lost power")
+_RESTARTED = _fails(errors.DriveRestartedError, "has restarted: it lost power")
 
 
 def _at_the_next_question(outcome: FaultOutcome) -> dict[Phase, FaultOutcome]:
@@ -147,10 +131,12 @@ FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "node silent": _SILENT,
     "node deaf": replace(_SILENT, stop=Stop.BY_THE_DRIVE),
     "boot-up": _RESTARTED,
-    "SDO abort": _at_the_next_question(_fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)),
+    "SDO abort": _at_the_next_question(
+        _fails(errors.DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)
+    ),
     "SDO timeout": _at_the_next_question(replace(_SILENT, lost=Lost.NONE)),
     "heartbeat of the drive lost": _fails(
-        DriveSilentError, "has sent no heartbeat", Stop.AFTER_SILENCE, Lost.NONE, _HEARTBEAT_LOST
+        errors.DriveSilentError, "has sent no heartbeat", Stop.AFTER_SILENCE, Lost.NONE, _HEARTBEAT_LOST
     ),
     "node-id clash": _RESTARTED,
     # What the drive reports
@@ -167,9 +153,9 @@ FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     | {Phase.HOMING: UNNOTICED},
     "emergency stop": _emergency(0x3220, "under-voltage: supply cut or emergency stop"),
     # The bus
-    "bus off": _fails(BusOffError, "the CAN bus is off", Stop.BY_THE_DRIVE, Lost.ALL),
-    "bus passive": _fails(BusPassiveError, "error passive", lost=Lost.NONE),
-    "adapter unplugged": _fails(BusError, "took no frame", Stop.BY_THE_DRIVE, Lost.ALL),
+    "bus off": _fails(errors.BusOffError, "the CAN bus is off", Stop.BY_THE_DRIVE, Lost.ALL),
+    "bus passive": _fails(errors.BusPassiveError, "error passive", lost=Lost.NONE),
+    "adapter unplugged": _fails(errors.BusError, "took no frame", Stop.BY_THE_DRIVE, Lost.ALL),
     # Another drive in place of the one that was verified
     "wrong encoder resolution": _RESTARTED,
     "wrong vendor": _RESTARTED,
@@ -177,24 +163,24 @@ FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "fingerprint mismatch": _RESTARTED,
     # The computer
     "computer hangs": _HUNG,
-    "signal": _aborts(InterruptedRunError, "interrupted by SIGINT"),
-    "camera lost": _find_later(CameraError, "gave no picture"),
-    "camera frozen": _find_later(CameraError, "the same picture", in_tissue=True),
-    "disk full": _find_later(DiskError, "cannot write"),
+    "signal": _aborts(errors.InterruptedRunError, "interrupted by SIGINT"),
+    "camera lost": _find_later(errors.CameraError, "gave no picture"),
+    "camera frozen": _find_later(errors.CameraError, "the same picture", in_tissue=True),
+    "disk full": _find_later(errors.DiskError, "cannot write"),
 }
 """Fault -> what must come of it, in every phase or by phase."""
 
 
 def _second_master(words: str, lost: Lost = Lost.NONE) -> FaultOutcome:
-    return _fails(SecondMasterError, words, lost=lost)
+    return _fails(errors.SecondMasterError, words, lost=lost)
 
 
 def _strayed(words: str, fault: str, lost: Lost = Lost.NONE) -> FaultOutcome:
-    return _fails(DriveStrayedError, words, lost=lost, fault=(fault, 0))
+    return _fails(errors.DriveStrayedError, words, lost=lost, fault=(fault, 0))
 
 
 def _guarded(words: str, fault: str = "input-limit") -> FaultOutcome:
-    return _fails(ForceGuardError, words, lost=Lost.NONE, fault=(fault, 0))
+    return _fails(errors.ForceGuardError, words, lost=Lost.NONE, fault=(fault, 0))
 
 
 _STALLED = _guarded("the insertion axis is stalled: 1500 mA for", "stalled")
@@ -218,9 +204,9 @@ SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "all nodes silent": dict.fromkeys(Phase, _SILENT_AT_REST) | {Phase.MOVING: _SILENT},
     "labrig stopped for 0.3 s": UNNOTICED,
     "labrig stopped for 0.8 s": _STOOD_STILL,
-    "terminal closes": _aborts(InterruptedRunError, "interrupted by SIGHUP"),
+    "terminal closes": _aborts(errors.InterruptedRunError, "interrupted by SIGHUP"),
     "terminal gone stale": dict.fromkeys(Phase, UNNOTICED)
-    | {Phase.ASKING: _aborts(SafetyStopError, "before the operator answered")},
+    | {Phase.ASKING: _aborts(errors.SafetyStopError, "before the operator answered")},
     # Nothing on the bus tells of it
     "target changed in the drive": _strayed("axis insertion has the target 60.0000 mm", "target-changed"),
     "idle axis moved": _strayed("axis linear should stand at", "strayed"),

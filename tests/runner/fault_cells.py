@@ -11,6 +11,7 @@ from pathlib import Path
 
 import can
 
+from labrig import errors
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.axis_description import AxisDescription
@@ -41,14 +42,6 @@ from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.devices.simulated.node import NmtState
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.trapezoid import Profile
-from labrig.errors import (
-    BusError,
-    BusPassiveError,
-    DriveSilentError,
-    MachineError,
-    SafetyStopError,
-    WireError,
-)
 from labrig.experiments.declared import find_experiment
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
@@ -380,7 +373,7 @@ def _rig(
         opening=opening,
     )  # fmt: skip
     yield rig, camera, signal
-    with suppress(SafetyStopError):
+    with suppress(errors.SafetyStopError):
         rig.close()
     link.close()
 
@@ -511,7 +504,7 @@ def _ending_differences(cell: Cell, outcome: Outcome, run: Run, counted: int) ->
         yield f"ended {outcome.exit_status} ({outcome.reason}), record {run.manifest['exit_status']}"
     if type(outcome.error) is not (expected.error or type(None)):
         yield f"error {type(outcome.error).__name__}: {outcome.reason}"
-    fault = outcome.error.fault if isinstance(outcome.error, WireError) else None
+    fault = outcome.error.fault if isinstance(outcome.error, errors.WireError) else None
     if (None if fault is None else (fault.name, fault.code)) != expected.fault:
         yield f"fault {fault}"
     if run.events.iloc[-1].get("fault", None) != (None if fault is None else asdict(fault)):
@@ -531,8 +524,8 @@ def _told_differences(cell: Cell, outcome: Outcome) -> Iterator[str]:
     """Yield what the person at the rig is told late or wrongly: lost drives, and where the needle is."""
     assert cell.struck_s is not None
     assert cell.located is not None
-    lost = isinstance(outcome.error, BusError | DriveSilentError) and not isinstance(
-        outcome.error, BusPassiveError
+    lost = isinstance(outcome.error, errors.BusError | errors.DriveSilentError) and not isinstance(
+        outcome.error, errors.BusPassiveError
     )
     found_s = cell.alerts[0][0] - cell.struck_s if cell.alerts else math.inf
     prompt = lost and _is_found_out_at_once(cell)
@@ -587,7 +580,7 @@ def _next_run_differences(cell: Cell, description: RigDescription, run_name: str
         refused = REFUSED_AT_CONNECT.get(cell.fault)
         try:
             rig.connect()
-        except MachineError as error:
+        except errors.MachineError as error:
             if refused is None or refused not in error.message:
                 yield f"next run: {error.message}"
             if cell.fault not in WITHDRAWN_NEVERTHELESS:
@@ -612,7 +605,7 @@ def _needle_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str]:
         yield f"next run believes needle_in_tissue {rig.state.needle_in_tissue}"
     try:
         rig.reference_axes()
-    except SafetyStopError as error:
+    except errors.SafetyStopError as error:
         if not in_tissue or run_name not in error.message:
             yield f"next run: {error.message}"
     else:

@@ -23,8 +23,8 @@ _FARTHEST = 1.1
 def find_nearest_approach(around: Surroundings, error_per_mm: float) -> FloatArray | None:
     """Return the path (n, 2) of one to three arcs with the least cost of miss and turns, or None.
 
-    A path that comes nearer to an obstacle than the requested clearance does not count. A millimetre of miss costs
-    `error_per_mm`, a turn what `PlanWeights` says.
+    A path that comes nearer to an obstacle than the requested clearance, or is too long, does not count. A millimetre
+    of miss costs `error_per_mm`, a turn what `PlanWeights` says.
     """
     radius_mm = around.problem.radius_mm
     psi = _add_last_arc(_list_beginnings(around), around)
@@ -33,7 +33,8 @@ def find_nearest_approach(around: Surroundings, error_per_mm: float) -> FloatArr
     turned = (np.cos(psi[..., 1]) < 1.0 - 1e-12) & (psi[..., 0] > ROUNDING)
     cost += around.problem.weights.turn * turned.sum(axis=-1)
     apart = path_distances(psi, radius_mm, around.centres_mm, frames)
-    cost[np.any(apart < around.keep_off_mm - ROUNDING, axis=-1)] = np.inf
+    too_long = radius_mm * psi[..., 0].sum(axis=-1) > around.problem.max_length_mm + ROUNDING
+    cost[np.any(apart < around.keep_off_mm - ROUNDING, axis=-1) | too_long] = np.inf
     best = find_cheapest(cost)
     return None if np.isinf(cost[best]) else _drop_empty_arcs(psi[best])
 
@@ -60,13 +61,13 @@ def _list_manoeuvres(planar: bool) -> FloatArray:
 
 
 def _add_last_arc(psi: FloatArray, around: Surroundings) -> FloatArray:
-    """Return the paths with a last arc that ends where it passes the target at its nearest."""
+    """Return the paths with a last arc up to where it passes the target at its nearest, or up to the largest length."""
     radius_mm = around.problem.radius_mm
     frames = path_frames(psi, radius_mm)
     to_target = around.target_mm - frames.positions_mm[:, -1]
     local = np.einsum("mab,ma->mb", frames.rotations[:, -1], to_target)
-    angle = np.arctan2(local[:, 2], local[:, 1] + radius_mm)
-    psi[:, -1, 0] = np.maximum(angle, 0.0)
+    left = np.maximum(around.problem.max_length_mm / radius_mm - psi[..., 0].sum(axis=-1), 0.0)
+    psi[:, -1, 0] = np.clip(np.arctan2(local[:, 2], local[:, 1] + radius_mm), 0.0, left)
     return psi
 
 

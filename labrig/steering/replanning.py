@@ -111,8 +111,7 @@ def plan_with_clearance(
 def _relax(problem: PlanProblem, settings: SteeringSettings) -> Iterator[PlanProblem]:
     """Yield the problem, and then with less and less clearance."""
     yield problem
-    without_margin = replace(problem, covariance=None, obstacle_sds_mm=())
-    yield without_margin
+    yield (without_margin := replace(problem, covariance=None, obstacle_sds_mm=()))
     least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
     yield replace(without_margin, clearance_mm=least_mm, axis=None)
 

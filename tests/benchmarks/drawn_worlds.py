@@ -41,7 +41,7 @@ from labrig.steering.problem import PlanProblem
 from labrig.steering.step import start_steering
 from labrig.steering.torsion import TorsionalLag
 from tests.benchmarks.planning_problems import draw_planar_problem
-from tests.benchmarks.virtual import ROOT, load_plane, read_policy, read_simulated_rig
+from tests.benchmarks.virtual import RIG, ROOT, load_plane, read_policy
 
 Policy = Literal["default", "paper"]
 
@@ -233,7 +233,7 @@ def insert(drawn: DrawnWorld, policy: Policy) -> InsertionEnd:
 def _make_insertion(drawn: DrawnWorld, policy: Policy, record: EventList) -> _DrawnInsertion:
     """Return the insertion on a virtual rig, before it begins."""
     state = RigState(needle_in_tissue=False, referenced=AXIS_NAMES)
-    rig = VirtualRig(read_simulated_rig(), drawn.world, state, 0.0)
+    rig = VirtualRig(load_rig(RIG, ["axes.insertion.limits=[-2, 200]"]), drawn.world, state, 0.0)
     session = Session(rig, record, lambda _done, _doing: None)
     # The bounds are told of every end, however it came about.
     session.dialogue.conditions = (Condition(value="target_error_mm", above=1e6),)

@@ -357,6 +357,12 @@ def test_the_tip_comes_as_near_as_a_turn_is_worth(planar, target, expected, miss
     assert np.linalg.norm(reached_mm - end_mm) == pytest.approx(miss_mm, abs=0.002)
 
 
+def test_no_approach_is_longer_than_the_needle_may_go():
+    """The target lies 8 mm ahead, and 6 mm are left: the needle stops there."""
+    around = Surroundings(PlanProblem((0.0, 0.0, 8.0), planar=True, max_length_mm=6.0))
+    assert 27.6 * find_nearest_approach(around, 40.0)[:, 0].sum() == pytest.approx(6.0)
+
+
 @pytest.mark.parametrize(("beside_mm", "free"), [(3.19, False), (3.21, True)])
 def test_what_comes_too_near_to_an_obstacle_does_not_count(beside_mm, free):
     """Beside half the needle's 1.2 mm and a sphere of 2 mm it keeps its clearance off."""

@@ -151,7 +151,7 @@ def compare_runs(
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
     pictures = counted.index.to_series().astype("string")
-    insertion = counted["run"] + counted["trial"].astype("string").combine_first(pictures)
+    insertion = counted["run"] + "/" + counted["trial"].astype("string").combine_first(pictures)
     each = counted["block"] if unit == "specimen" else insertion.rename("insertion")
     units = counted.groupby(["group", each], sort=False)["value"].mean()
     shared = _find_shared(counted, unit, wanted, used)

@@ -1,5 +1,6 @@
 """The page of an insertion run: figure 9 of the paper, and the estimated tip along the way."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -43,21 +44,26 @@ class Panel:
 
 @dataclass(frozen=True)
 class ShownInsertion:
-    """One insertion: its pictures, and its curves over the inserted length."""
+    """One insertion: its pictures, its curves over the inserted length, and what the map is off at its target.
+
+    `map_off_mm` is None where that is not known, or where markers moved the target.
+    """
 
     trial: InsertionTrial
     panels: tuple[Panel, ...]
     figure: Markup | None
+    map_off_mm: float | None
 
 
 def make_page(run: Run, _protocol: InsertionProtocol, result: AnalysisResult[InsertionResult]) -> Page:
     """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
     content, plane, events = result.content, load_plane_map(run), read_scenes(run)
+    targets = {line["trial"]: line["target_mm"] for line in run.lines("truth") if line.get("target_mm")}
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     parts = {
         "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
         "shown": [
-            _draw_insertion(run, trial, events.get(trial.trial, ()), plane)
+            _draw_insertion(run, trial, events.get(trial.trial, ()), plane, targets.get(trial.trial))
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
         "noise_told": describe_sighting_noise(vars(noise) if (noise := content.sighting_noise) else None),
@@ -66,12 +72,11 @@ def make_page(run: Run, _protocol: InsertionProtocol, result: AnalysisResult[Ins
 
 
 def _draw_insertion(
-    run: Run, trial: InsertionTrial, events: Sequence[Event], plane: PlaneMap
+    run: Run, trial: InsertionTrial, events: Sequence[Event], plane: PlaneMap, target_mm: list[float] | None
 ) -> ShownInsertion:
     plans = [event for event in events if isinstance(event, PathSought)]
     figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
-    targets = {} if trial.markers else {line["trial"]: line.get("target_mm") for line in run.lines("truth")}
-    true_mm, panels, scene = targets.get(trial.trial) or trial.target_mm, list[Panel](), Scene(plane)
+    true_mm, panels, scene = None if trial.markers else target_mm, list[Panel](), Scene(plane)
     for event in events:
         scene.take(event)
         if isinstance(event, PathSought) and any(event is plan for plan in _select_plans(plans)):
@@ -81,20 +86,20 @@ def _draw_insertion(
             panels += _draw_panel(run, frame, strokes, plane, (title, event.because))
     final = trial.final_frame if panels or trial.final_frame is not None else _find_scene(run, trial)
     if final is not None and scene.start is not None:
-        seconds = max(0.0, run.frame_lines[final].t_s - trial.start_t_s)
+        at_s = max(0.0, run.frame_lines[final].t_s - trial.start_t_s)
+        true_path_mm = map_path(trial.true_path_mm, (true_mm or trial.target_mm)[1:], trial.target_mm[1:])
         strokes = (
             *scene.draw_places(),
             *scene.former,
             *scene.draw_line("former", scene.plan_mm),
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
-            *scene.draw_line("true", map_path(trial.true_path_mm, true_mm[1:], trial.target_mm[1:])),
+            *scene.draw_line("true", true_path_mm),
         )
-        told = (
-            f"{trial.length_mm or 0.0:.1f} mm, {seconds:.0f} s",
-            "stopped, at the target" if trial.reached else f"stopped, {trial.cause}",
-        )
+        why = "stopped, at the target" if trial.reached else f"stopped, {trial.cause}"
+        told = f"{trial.length_mm or 0.0:.1f} mm, {at_s:.0f} s", why
         panels += _draw_panel(run, final, strokes, plane, told)
-    return ShownInsertion(trial, tuple(panels), figure)
+    off_mm = None if true_mm is None else math.dist(true_mm[1:], trial.target_mm[1:])
+    return ShownInsertion(trial, tuple(panels), figure, off_mm)
 
 
 def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:

@@ -3,6 +3,7 @@
 import math
 from functools import partial
 from itertools import groupby
+from operator import attrgetter
 
 import rerun as rr
 
@@ -14,7 +15,6 @@ from labrig.experiments.insertion.scene import COLOURS, KINDS, Scene
 from labrig.record.events import Event, parse_events
 from labrig.record.following import RecordLines
 from labrig.record.reader import Run
-from labrig.report.film_pictures import Stroke
 from labrig.report.rerun_view import CAMERA, set_time
 from labrig.report.view import View
 
@@ -55,16 +55,13 @@ def _draw(stream: rr.RecordingStream, scene: Scene, event: Event) -> None:
         return
     set_time(stream, event.t_s)
     strokes = [*scene.draw_places(), *scene.draw_ways(), *scene.draw_tip()]
-    by_name = {name: list(own) for name, own in groupby(sorted(strokes, key=_name_of), _name_of)}
+    name_of = attrgetter("name")
+    by_name = {name: list(own) for name, own in groupby(sorted(strokes, key=name_of), name_of)}
     for name, colour in COLOURS.items():
         lines = [stroke.px for stroke in by_name.get(name, ())]
         stream.log(f"{CAMERA}/{name}", rr.LineStrips2D(lines, colors=[colour] * len(lines), radii=1.0))
     if isinstance(event, TipObserved):
         _draw_numbers(stream, scene, event)
-
-
-def _name_of(stroke: Stroke) -> str:
-    return stroke.name
 
 
 def _draw_numbers(stream: rr.RecordingStream, scene: Scene, step: TipObserved) -> None:

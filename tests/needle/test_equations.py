@@ -41,7 +41,7 @@ def test_a_plane_and_its_inverses_undo_each_other(beta_cut_deg: float, clearance
     beta_rot_deg = plane.beta_rot_deg(beta_cut_deg, clearance_mm)
     assert plane.beta_cut_deg(beta_rot_deg + 1e-9, clearance_mm) == pytest.approx(beta_cut_deg, abs=1e-6)
     assert plane.clearance_mm(beta_rot_deg + 1e-9, beta_cut_deg) == pytest.approx(clearance_mm, abs=1e-6)
-    bent_mm = 4.0 + 500.0 * beta_cut_deg
+    bent_mm = 4.0 + 499.0 * beta_cut_deg
     assert radius_mm(rotation_for_radius_deg(bent_mm, 3.0), 3.0) == pytest.approx(bent_mm, rel=1e-12)
 
 

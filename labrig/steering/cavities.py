@@ -13,7 +13,7 @@ import numpy as np
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.estimator import start_tip, step_tip
-from labrig.steering.motion import make_pose, rotation_from_vector, vector_from_rotation
+from labrig.steering.motion import rotation_from_vector, vector_from_rotation
 from labrig.steering.tip import (
     CURVATURE,
     ORIENTATION,
@@ -119,12 +119,12 @@ def _mix(outside: TipState, inside: TipState, apart: FloatArray, share: float) -
     if share in {0.0, 1.0} or outside is inside:
         return likelier
     mean = share * apart
-    rotation = outside.rotation @ rotation_from_vector(mean[ORIENTATION])
-    spread = share * (1.0 - share) * np.outer(apart, apart)
+    spread = share * (1.0 - share) * apart[:, None] * apart
     covariance = (1.0 - share) * outside.covariance + share * inside.covariance + spread
     slip = outside.slip + float(mean[SLIP]) if len(mean) > SLIP else 0.0
     return TipState(
-        make_pose(rotation, outside.position_mm + outside.rotation @ mean[POSITION]),
+        freeze(outside.rotation @ rotation_from_vector(mean[ORIENTATION])),
+        freeze(outside.position_mm + outside.rotation @ mean[POSITION]),
         outside.curvature + float(mean[CURVATURE]),
         freeze(covariance),
         likelier.nis,

@@ -1,23 +1,18 @@
 """The default filter: an error state of position, orientation and curvature about a pose on SE(3).
 
-The pose itself is propagated exactly by (16) and (17). filterpy's Kalman filter holds the error of the pose
-in the tip's own frame: the truth is p + R rho, R exp(phi^), kappa + dkappa and, where the slip is estimated too,
-s + ds: the tip advances by 1 - s of what is inserted. So a flip is only a rotation, no angle locks, an observed
-position is exactly rho, and its noise counts once (errata of (20), (22) and of the Euler angles). After each
-observation the error moves into the pose and is zero again. In the plane the errors out of it have no covariance, and
-filterpy leaves them at zero.
-
-For arrays of unexpected shape filterpy returns wrong numbers instead of an error. So state and observations are
-always 1-D here, and `TipObservation` checks its input.
+The pose itself is propagated exactly by (16) and (17). The Kalman filter holds the error of the pose in the tip's own
+frame: the truth is p + R rho, R exp(phi^), kappa + dkappa and, where the slip is estimated too, s + ds: the tip
+advances by 1 - s of what is inserted. So a flip is only a rotation, no angle locks, an observed position is exactly
+rho, and its noise counts once (errata of (20), (22) and of the Euler angles). After each observation the error moves
+into the pose and is zero again. In the plane the errors out of it have no covariance, and stay zero.
 """
 
 import math
 
 import numpy as np
-from filterpy.kalman import predict, update
 
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.motion import make_pose, rotation_from_vector, step_frame, step_origin_slope
+from labrig.steering.motion import rotation_from_vector, step_frame, step_origin_slope
 from labrig.steering.tip import (
     CURVATURE,
     ORIENTATION,
@@ -43,24 +38,28 @@ _SLIP_CHANGES_MM = 100.0
 def step_error_state(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
     """Return the tip after a roll, an advance and, if the tip was seen, an observation."""
     rotation, position, transition, process = _predict(state, observation, settings)
-    error, covariance = predict(np.zeros(settings.size), state.covariance, F=transition, Q=process)
-    nis, log_likelihood, accepted = None, 0.0, False
+    covariance = transition @ state.covariance @ transition.T + process
+    error, nis, log_likelihood, accepted = np.zeros(settings.size), None, 0.0, False
     if observation.position_mm is not None:
         innovation = ((observation.position_mm - position) @ rotation)[settings.seen]
-        noise = settings.noise
-        spread = covariance[settings.seen, settings.seen] + noise
-        nis = float(innovation @ np.linalg.solve(spread, innovation))
+        spread = covariance[settings.seen, settings.seen] + settings.noise
+        inverse = np.linalg.inv(spread)
+        nis = float(innovation @ inverse @ innovation)
         log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * spread)))
         fits = nis <= _limit_nis(state, settings)
         accepted = fits or state.misses >= _PATIENCE
+        if not fits and accepted:
+            covariance = _reopen(covariance, innovation, settings)
+            inverse = np.linalg.inv(covariance[settings.seen, settings.seen] + settings.noise)
         if accepted:
-            covariance = covariance if fits else _reopen(covariance, innovation, settings)
-            error, covariance = update(error, covariance, innovation, noise, settings.observed)
+            gain = covariance[:, settings.seen] @ inverse
+            error, covariance = gain @ innovation, covariance - gain @ covariance[settings.seen]
             # The error moves into the pose.
             position = position + rotation @ error[POSITION]
             rotation = rotation @ rotation_from_vector(error[ORIENTATION])
     return TipState(
-        make_pose(rotation, position),
+        freeze(rotation),
+        freeze(position),
         state.curvature + float(error[CURVATURE]),
         freeze(0.5 * (covariance + covariance.T)),
         nis,

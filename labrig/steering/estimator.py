@@ -46,7 +46,8 @@ def start_tip(pose: FloatArray, settings: EstimatorSettings) -> TipState:
     variances = np.zeros(settings.size)
     variances[list(settings.errors)] = sd[list(settings.errors)] ** 2
     return TipState(
-        freeze(np.array(pose, dtype=np.float64)),
+        freeze(np.array(pose[:3, :3], dtype=np.float64)),
+        freeze(np.array(pose[:3, 3], dtype=np.float64)),
         curvature,
         freeze(np.diag(variances)),
         nis=None,

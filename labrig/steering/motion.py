@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.tip import TipObservation, freeze
+from labrig.steering.tip import TipObservation, TipState, make_pose
 
 # Below this angle the derivatives come from their series; its first omitted term is below 1e-16.
 _SMALL_ANGLE_RAD = 0.01
@@ -124,20 +124,11 @@ def split_into_steps(
     ]
 
 
-def advance_pose(
-    pose: FloatArray, steps: Sequence[TipObservation], curvature: float, slip: float = 0.0
-) -> FloatArray:
-    """Return the pose (4, 4) after these steps, equations (16) and (17); the tip stays behind by a share of each."""
-    rotation, position = pose[:3, :3], pose[:3, 3]
+def advance_pose(tip: TipState, steps: Sequence[TipObservation]) -> FloatArray:
+    """Return the pose (4, 4) after these steps, equations (16) and (17); the tip stays behind by its slip."""
+    rotation, position = tip.rotation, tip.position_mm
     for step in steps:
-        bend = curvature if step.bends else 0.0
-        turn, advance = step_frame(step.roll_rad, step.step_mm * (1.0 - slip), bend)
+        bend = tip.curvature if step.bends else 0.0
+        turn, advance = step_frame(step.roll_rad, step.step_mm * (1.0 - tip.slip), bend)
         position, rotation = position + rotation @ advance, rotation @ turn
     return make_pose(rotation, position)
-
-
-def make_pose(rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """Return the pose (4, 4) of a rotation (3, 3) and a position (3,); read-only."""
-    pose = np.zeros((4, 4))
-    pose[:3, :3], pose[:3, 3], pose[3, 3] = rotation, position, 1.0
-    return freeze(pose)

@@ -14,9 +14,10 @@ position.
 import math
 
 import numpy as np
+from filterpy.kalman import update
 
 from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_z
-from labrig.steering.motion import make_pose, step_frame
+from labrig.steering.motion import step_frame
 from labrig.steering.tip import ORIENTATION, POSITION, EstimatorSettings, TipObservation, TipState, freeze
 
 # Singular values of the map of angles below this count as zero: phi_y is locked.
@@ -40,9 +41,10 @@ def step_paper_filter(state: TipState, observation: TipObservation, settings: Es
     rotation = rotation_from_euler(angles) @ bend  # (17)
     rates = body_rates(euler_angles(rotation))
     covariance = _covariance(rates @ p_euler @ rates.T, settings)
-    pose = make_pose(rotation, position)
     misses = state.misses + 1 if nis is None else 0
-    return TipState(pose, state.curvature, covariance, nis, accepted=nis is not None, misses=misses)
+    return TipState(
+        freeze(rotation), freeze(position.copy()), state.curvature, covariance, nis, nis is not None, misses
+    )
 
 
 def rotation_from_euler(angles: FloatArray) -> FloatArray:
@@ -93,11 +95,10 @@ def _update(
     """Return angles, their covariance and the NIS by (22), (23) and (24), in the tip's frame."""
     view = settings.observed[:, POSITION] @ rotation_from_euler(angles).T
     h = view @ position_jacobian(angles, advance)
-    innovation_covariance = h @ p_euler @ h.T + 2.0 * settings.observation_sd_mm**2 * np.eye(len(h))
-    gain = np.linalg.solve(innovation_covariance, h @ p_euler).T
-    seen = view @ innovation
-    nis = float(seen @ np.linalg.solve(innovation_covariance, seen))
-    return angles + gain @ seen, p_euler - gain @ h @ p_euler, nis
+    seen, noise = view @ innovation, 2.0 * settings.observation_sd_mm**2 * np.eye(len(h))
+    nis = float(seen @ np.linalg.solve(h @ p_euler @ h.T + noise, seen))
+    error, p_euler = update(np.zeros(3), p_euler, seen, noise, h)
+    return angles + error, p_euler, nis
 
 
 def _covariance(orientation: FloatArray, settings: EstimatorSettings) -> FloatArray:

@@ -25,9 +25,10 @@ def pick_best_feasible(families: Sequence[FloatArray], around: Surroundings) -> 
     """
     psi = _join(families)
     frames = path_frames(psi, around.problem.radius_mm)
+    within = np.flatnonzero(_are_within_caps(psi, frames, around))
+    psi, frames = psi[within], frames.take(within)
     near = find_nearest_places(psi, around.problem.radius_mm, around.centres_mm, frames)
-    clear = np.all(near.distances_mm >= around.keep_off_mm - ROUNDING, axis=1)
-    feasible = np.flatnonzero(clear & _are_within_caps(psi, frames, around))
+    feasible = np.flatnonzero(np.all(near.distances_mm >= around.keep_off_mm - ROUNDING, axis=1))
     if not len(feasible):
         return None
     psi = psi[feasible]

@@ -92,7 +92,7 @@ class SteeringState:
         straight_mm = settings.policy.closing_mm / 2
         steps = split_into_steps(self.insertion_mm, insertion_mm, self.turns, straight_mm)
         steps.append(TipObservation(None, 0.0, turned_rad))
-        return advance_pose(self.tip.pose, steps, self.tip.curvature, self.tip.slip)
+        return advance_pose(self.tip, steps)
 
     def list_turns(self, roll_rad: float) -> list[TurnAhead]:
         """Return the turn that is made here and the planned ones, each with the length inserted until the next."""

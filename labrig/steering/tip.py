@@ -103,8 +103,10 @@ class TipState:
 
     Attributes
     ----------
-    pose : (4, 4) array
-        T_w_t, in mm; read-only.
+    rotation : (3, 3) array
+        Its orientation; read-only.
+    position_mm : (3,) array
+        Read-only.
     curvature : float
         Of the path [1/mm].
     covariance : (7, 7) or (8, 8) array
@@ -122,7 +124,8 @@ class TipState:
         Share of the inserted length by which the tip stays behind [-].
     """
 
-    pose: FloatArray
+    rotation: FloatArray
+    position_mm: FloatArray
     curvature: float
     covariance: FloatArray
     nis: float | None
@@ -132,19 +135,14 @@ class TipState:
     slip: float = 0.0
 
     @property
-    def position_mm(self) -> FloatArray:
-        """The tip's position, (3,)."""
-        return self.pose[:3, 3]
-
-    @property
-    def rotation(self) -> FloatArray:
-        """The tip's orientation, (3, 3)."""
-        return self.pose[:3, :3]
+    def pose(self) -> FloatArray:
+        """T_w_t, (4, 4), in mm; read-only."""
+        return make_pose(self.rotation, self.position_mm)
 
     @property
     def heading_rad(self) -> float:
         """Angle of the tangent in the y-z plane, zero along z and positive towards +y."""
-        return math.atan2(self.pose[1, 2], self.pose[2, 2])
+        return math.atan2(self.rotation[1, 2], self.rotation[2, 2])
 
     @property
     def position_sd_mm(self) -> float:
@@ -154,7 +152,8 @@ class TipState:
     @property
     def heading_sd_rad(self) -> float:
         """Standard deviation of the tangent's direction about the less certain of the tip's x and y axes."""
-        return math.sqrt(float(np.linalg.eigvalsh(self.covariance[3:5, 3:5])[-1]))
+        (about_x, common), (_, about_y) = self.covariance[3:5, 3:5].tolist()
+        return math.sqrt(0.5 * (about_x + about_y) + math.hypot(0.5 * (about_x - about_y), common))
 
 
 def require_numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -198,6 +197,13 @@ def require_pose(name: str, value: ArrayLike) -> FloatArray:
     if not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)):
         raise InputError(f"the last row of {name} is {pose[3].tolist()}, expected [0, 0, 0, 1]")
     return pose
+
+
+def make_pose(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """Return the pose (4, 4) of a rotation (3, 3) and a position (3,); read-only."""
+    pose = np.zeros((4, 4))
+    pose[:3, :3], pose[:3, 3], pose[3, 3] = rotation, position, 1.0
+    return freeze(pose)
 
 
 def freeze(array: FloatArray) -> FloatArray:

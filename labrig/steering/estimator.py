@@ -1,7 +1,6 @@
 """Poses of the tip from its positions: step by step for the live loop, or a whole insertion at once."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -25,11 +24,6 @@ from labrig.steering.tip import (
 
 # Of the sheath's direction, for positions alone.
 _START_SD_RAD = 0.02
-
-_STEPS: dict[EstimatorMethod, Callable[[TipState, TipObservation, EstimatorSettings], TipState]] = {
-    "error-state": step_error_state,
-    "paper": step_paper_filter,
-}
 
 
 def start_tip(pose: FloatArray, settings: EstimatorSettings) -> TipState:
@@ -58,7 +52,8 @@ def start_tip(pose: FloatArray, settings: EstimatorSettings) -> TipState:
 
 def step_tip(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
     """Return the tip after one observation: the needle rolls, advances, and is then seen or missed."""
-    return _STEPS[settings.method](state, observation, settings)
+    step = step_paper_filter if settings.method == "paper" else step_error_state
+    return step(state, observation, settings)
 
 
 def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order

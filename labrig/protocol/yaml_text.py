@@ -6,6 +6,8 @@ and bounds on depth and on what aliases expand to.
 """
 
 from codecs import BOM_UTF8
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ from labrig.protocol.tree import (
 MAX_BYTES = 256 * 1024  # a hundred times a long protocol; ruamel.yaml reads about 150 kB a second
 MAX_DEPTH = 20
 MAX_VALUES = 20_000
+_KEPT = 32
 
 _SUFFIXES = frozenset({".yaml", ".yml", ".json"})
 _TAG = "tag:yaml.org,2002:"
@@ -69,7 +72,7 @@ def load_yaml_values(path: Path | str) -> dict[str, Plain]:
     tree = load_tree(Path(path))
     if tree.faults:
         raise file_format_error(tree.faults)
-    return tree.section(())
+    return deepcopy(tree.section(()))  # the caller's own
 
 
 def load_tree(path: Path) -> Tree:
@@ -118,6 +121,8 @@ def read_tree(text: str | bytes, source: str) -> Tree:
     raise file_format_error([*tree.faults, tree.fault((), message, "a line is `key: value`, with a space")])
 
 
+# A run reads each of its files several times, and ruamel.yaml is slow. A tree is never changed.
+@lru_cache(maxsize=_KEPT)
 def compose(text: str | bytes, source: str) -> Tree:
     """Return the value in `text`, of any kind, with the faults that did not stop the reading.
 

@@ -53,8 +53,6 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
         direct dependencies.
     """
     program = [Path(word).name for word in command_line[:1]]
-    requirements = metadata.requires("labrig") or ()
-    names = [re.split(r"[^A-Za-z0-9._-]", text)[0] for text in requirements if "extra ==" not in text]
     account = None
     with suppress(OSError, KeyError):  # an account without a name
         account = getpass.getuser()
@@ -68,8 +66,16 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
         "processor": describe_processor(),
         "host": platform.node(),
         "account": account,
-        "packages": {name: metadata.version(name) for name in sorted(names)},
+        "packages": dict(_list_packages()),
     }
+
+
+@cache
+def _list_packages() -> tuple[tuple[str, str], ...]:
+    """Return labrig's direct dependencies with their versions: those that this process began with."""
+    requirements = metadata.requires("labrig") or ()
+    names = (re.split(r"[^A-Za-z0-9._-]", text)[0] for text in requirements if "extra ==" not in text)
+    return tuple((name, metadata.version(name)) for name in sorted(names))
 
 
 @cache

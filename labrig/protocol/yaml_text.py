@@ -32,7 +32,6 @@ from labrig.protocol.tree import (
 MAX_BYTES = 256 * 1024  # a hundred times a long protocol; ruamel.yaml reads about 150 kB a second
 MAX_DEPTH = 20
 MAX_VALUES = 20_000
-_KEPT = 32
 
 _SUFFIXES = frozenset({".yaml", ".yml", ".json"})
 _TAG = "tag:yaml.org,2002:"
@@ -121,8 +120,7 @@ def read_tree(text: str | bytes, source: str) -> Tree:
     raise file_format_error([*tree.faults, tree.fault((), message, "a line is `key: value`, with a space")])
 
 
-# A run reads each of its files several times, and ruamel.yaml is slow. A tree is never changed.
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=32)  # a run reads each of its files several times; a tree is never changed
 def compose(text: str | bytes, source: str) -> Tree:
     """Return the value in `text`, of any kind, with the faults that did not stop the reading.
 

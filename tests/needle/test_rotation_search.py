@@ -1,7 +1,5 @@
 """The search for the largest rotation, against brute force."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -32,14 +30,13 @@ def as_pose(found: FreeRotation) -> np.ndarray:
     return np.array([found.rotation_deg, found.lateral_mm, found.axial_mm])
 
 
-def list_designs(pin: str, count: int) -> list[Any]:
-    """Return random designs for a pin; those of the second half take long."""
-    return [
-        pytest.param(number, pin, marks=[pytest.mark.slow] * (2 * number >= count)) for number in range(count)
-    ]
-
-
-@pytest.mark.parametrize(("number", "pin"), [*list_designs("a", 5), *list_designs("b", 10)])
+@pytest.mark.parametrize(
+    ("number", "pin"),
+    [
+        pytest.param(number, pin, marks=[pytest.mark.slow] * (number > 2))
+        for number, pin in [*((number, "a") for number in range(5)), *((number, "b") for number in range(10))]
+    ],
+)
 def test_the_search_finds_the_true_maximum(number: int, pin: str) -> None:
     """Brute force finds no free angle 0.02 and 0.03 degrees beyond it, nor at coarser steps to the end of the box."""
     hinge = random_hinge(number)

@@ -37,9 +37,9 @@ def test_estimated_again_everything_comes_out_as_it_was() -> None:
         assert again.nis == pytest.approx(was["nis"], abs=1e-6)
 
 
-def test_other_settings_of_the_estimator_tell_what_would_have_been() -> None:
+def test_other_settings_of_the_estimator_tell_what_would_have_been(tmp_path: Path) -> None:
     """Another observation noise changes the estimates, not the measured end of the needle."""
-    run = record_insertion()
+    run = open_run(shutil.copytree(record_insertion().path, tmp_path / "run"))
     was, would_be = analyse_recorded(), analyse(run, "estimator.observation_sd_mm=0.2")
     assert would_be.insertions[0].mean_nis != was.insertions[0].mean_nis
     assert would_be.target_error_mm == was.target_error_mm
@@ -71,3 +71,13 @@ def test_insertions_that_missed_are_counted_with_their_causes() -> None:
     assert (content.made, content.arrived, content.reached) == (2, 0, False)
     assert content.causes == {"target_missed": 2}
     assert content.target_error_mm == max(insertion.target_error_mm or 0 for insertion in content.insertions)
+
+
+def test_the_sightings_of_a_record_tell_their_noise() -> None:
+    """The tip is seen to a few hundredths of a millimetre, and less than a template's bias is not advised."""
+    noise = analyse_recorded().sighting_noise
+    assert noise is not None
+    assert noise.observation_sd_mm is not None
+    assert 0.003 < noise.observation_sd_mm < 0.05
+    assert noise.advised_observation_sd_mm == 0.05
+    assert noise.stated_observation_sd_mm == 0.05

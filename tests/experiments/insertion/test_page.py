@@ -7,12 +7,12 @@ from scipy.stats import chi2
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword
-from labrig.experiments.registry import find_run_experiment, follow_run, make_run_view
+from labrig.experiments.registry import find_run_experiment, follow_run, load_run_result, make_run_view
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
 from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.experiments.insertion.recorded import record_insertion
+from tests.experiments.insertion.recorded import analyse_recorded, record_insertion
 from tests.pages import write_page
 from tests.rerun_files import read_view
 
@@ -20,9 +20,9 @@ from tests.rerun_files import read_view
 @pytest.fixture(scope="module")
 def html() -> str:
     """Return the page of an insertion past one obstacle."""
-    run = record_insertion()
-    result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
-    return write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
+    analyse_recorded()
+    run = open_run(record_insertion().path)
+    return write_page(run, load_run_result(run, 1), NOW).read_text(encoding="utf-8")
 
 
 def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
@@ -65,8 +65,8 @@ def test_the_page_tells_how_near_it_ended_by_what_and_how_sure_that_is(html: str
 
 def test_the_view_shows_the_insertion_too() -> None:
     """The rerun file of an insertion also holds paths, plans and curves of the estimate."""
-    run = record_insertion()
-    analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
+    analyse_recorded()
+    run = open_run(record_insertion().path)
     assert (
         not {"/nis/NIS", "/camera/plan"} & read_view(write_view(run, {}, NO_VIEW, describe_statusword)).keys()
     )

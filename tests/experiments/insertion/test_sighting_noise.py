@@ -5,22 +5,11 @@ import re
 import pytest
 
 from labrig.experiments.insertion.result import describe_sighting_noise
-from tests.experiments.insertion.recorded import analyse_recorded
 
 _NOISE = {
     "mean_nis": 2.0, "usual_nis": (1.4, 2.7), "verdict": "as expected", "stated_observation_sd_mm": 0.2,
     "advised_observation_sd_mm": 0.05,
 }  # fmt: skip
-
-
-def test_the_sightings_of_a_record_tell_their_noise() -> None:
-    """The tip is seen to a few hundredths of a millimetre, and less than a template's bias is not advised."""
-    noise = analyse_recorded().sighting_noise
-    assert noise is not None
-    assert noise.observation_sd_mm is not None
-    assert 0.003 < noise.observation_sd_mm < 0.05
-    assert noise.advised_observation_sd_mm == 0.05
-    assert noise.stated_observation_sd_mm == 0.05
 
 
 @pytest.mark.parametrize(

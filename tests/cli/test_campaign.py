@@ -16,7 +16,7 @@ from tests.cli.conftest import RIG, Labrig
 ARMS = {"vary": {"policy.replan_every_mm": [10, 40]}}
 FAST = {
     "policy.deviation_mm": None, "policy.near_mm": 0, "policy.final_mm": 0, "obstacles": [],
-    "target.position_mm": [0, 2, 40],
+    "target.position_mm": [0, 2, 20],
 }  # fmt: skip
 TINY = {
     **FAST, "target.position_mm": [0, 1, 12], "insertion.frame_every_mm": 6, "roll_zero.rolls": 4,

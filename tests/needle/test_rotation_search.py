@@ -71,7 +71,7 @@ def test_rotation_grows_with_clearance_and_inclination() -> None:
         assert all(np.diff([rotation.beta_b_deg for rotation in found]) > 0.005)
 
 
-@pytest.mark.parametrize("beta_cut_deg", [1.0, 4.0, 8.0])
+@pytest.mark.parametrize("beta_cut_deg", [1.0, pytest.param(4.0, marks=pytest.mark.slow), 8.0])
 def test_without_clearance_hinge_a_turns_by_the_inclination(beta_cut_deg: float) -> None:
     """As d goes to zero, hinge a turns by beta_cut and hinge b not at all."""
     finest, finer = (search_rotations(Hinge(PAPER_TUBE, d, beta_cut_deg)) for d in (0.001, 0.002))

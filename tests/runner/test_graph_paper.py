@@ -18,9 +18,10 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome
 from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.devices.rigs import simulated_rig
 from tests.experiments.insertion.test_procedure import EVEN, insertion, open_certified_rig
 from tests.pages import write_page
-from tests.runner.sessions import PROTOCOLS, RunBench, Watched, large_bench
+from tests.runner.sessions import PROTOCOLS, RunBench, Watched, bench, large_bench
 
 NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
 STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12", "roll_zero.torsion=null")
@@ -99,9 +100,9 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
 def test_a_bumped_camera_measures_nothing(tmp_path: Path) -> None:
     """After a bump of 2 % the answer is no: no target error is stated, and no zero is certified."""
     aimed, sought = insertion(*NEAR), roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
-    with open_certified_rig(tmp_path, aimed, EVEN) as opened:
+    with open_certified_rig(tmp_path, aimed, EVEN, describe=simulated_rig) as opened:
         inserted = conduct(opened, aimed, 0.02, ConfirmPlan)
-    with large_bench(tmp_path / "zero", sought, EVEN) as opened:
+    with bench(tmp_path / "zero", sought, EVEN) as opened:
         turned = conduct(opened, sought, 0.02, ShiftToHole)
         assert opened.opened.rig.needle.recall_roll_zero("N1") is None
     results: list[AnyResult] = []

@@ -6,6 +6,7 @@ What stands on every page is in `templates/base.html.jinja`: the head, what was 
 import re
 import shlex
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import lru_cache
@@ -21,8 +22,9 @@ from labrig import __version__
 from labrig.analysis.pictures import load_lens
 from labrig.analysis.result import AnyResult, Summary
 from labrig.durable import write_atomically
-from labrig.errors import RecordError
+from labrig.errors import FileFormatError, RecordError
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.events import INTERRUPTED, TrialStart, TrialStop
 from labrig.record.layout import INCOMPLETE, is_simulated
 from labrig.record.notes import Annotations
@@ -125,6 +127,7 @@ def write_report(
         "can_resume": can_resume,
         "written": tell_writing(created),
         "status": str(run.manifest.get("exit_status", INCOMPLETE)),
+        "world": _read_world(run),
         "is_simulated": not run.truth.empty or is_simulated(run.manifest),
         "annotations": annotations,
         "unreadable": unreadable,
@@ -169,6 +172,15 @@ def _read_annotations(run: Run) -> tuple[Annotations, str]:
         return run.annotations, ""
     except RecordError as error:
         return Annotations(), error.message.replace(f"{run.path}/", "")
+
+
+def _read_world(run: Run) -> Mapping[str, Any]:
+    """Return what the rig file says of the simulated world; nothing on a real rig."""
+    with suppress(FileFormatError):
+        match None if run.rig_path is None else load_yaml_values(run.rig_path):
+            case {"world": Mapping() as world}:
+                return world
+    return _NONE
 
 
 def _take_medians(budgets: Iterable[ErrorBudget | None]) -> ErrorBudget | None:

@@ -113,13 +113,9 @@ class Sight:
             )
         return measured.tip_mm
 
-    def measure_end(
-        self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float, roll_sd_rad: float = 0.0
-    ) -> ShaftTip:
+    def measure_end(self, taken: TakenPicture, diameter_mm: float, sheath_diameter_mm: float) -> ShaftTip:
         """Return the shaft of a needle and where it ends."""
-        return measure_shaft_tip(
-            taken.image, self.plane, diameter_mm, sheath_diameter_mm, mask=self._mask, roll_sd_rad=roll_sd_rad
-        )
+        return measure_shaft_tip(taken.image, self.plane, diameter_mm, sheath_diameter_mm, mask=self._mask)
 
     def measure_radius(self, taken: TakenPicture, settings: CurvatureSettings) -> SeenRadius:
         """Return the radius of curvature of a needle, as the analysis measures it."""

@@ -293,7 +293,6 @@ class WorldSight(Sight):
         taken: TakenPicture,
         diameter_mm: float,
         sheath_diameter_mm: float,  # noqa: ARG002 - of pictures
-        roll_sd_rad: float = 0.0,  # noqa: ARG002 - of pictures
     ) -> ShaftTip:
         """Return the shaft of a needle; refuse one that has hardly left its sheath."""
         looked = _look(taken)

@@ -33,7 +33,7 @@ def _explain_out_of_reach(around: Surroundings, distance: float) -> str | None:
     if math.hypot(lateral - radius_mm, z) < radius_mm - tolerance_mm:
         return (
             f"the target lies inside the turning circles: {lateral:.1f} mm beside the needle and {z:.1f} mm "
-            f"ahead, with a radius of {radius_mm:g} mm"
+            f"ahead, with a radius of {radius_mm:.1f} mm"
         )
     if lateral - tolerance_mm > _widest_lateral_mm(z + tolerance_mm, radius_mm):
         return (

@@ -65,7 +65,6 @@ def measure_shaft_tip(
     sheath_diameter_mm: float | None,
     *,
     mask: Mask | None = None,
-    roll_sd_rad: float | None = None,
 ) -> ShaftTip:
     """Measure where the needle in a picture ends.
 
@@ -79,8 +78,6 @@ def measure_shaft_tip(
         None if the picture shows no sheath.
     mask : ndarray of bool (H, W), optional
         Pixels that are not the needle.
-    roll_sd_rad : float, optional
-        Standard deviation of the bevel's roll out of the plane of the map.
 
     Raises
     ------
@@ -110,7 +107,7 @@ def measure_shaft_tip(
         centre_line_mm=shaft.centre_mm,
         arc_mm=shaft.arc_mm,
         widths_mm=shaft.widths_mm,
-        errors=_find_errors(shaft, plane, np.array([y, z]), roll_sd_rad),
+        errors=_find_errors(shaft, plane, np.array([y, z]), None),
     )
 
 

@@ -231,8 +231,8 @@ class _Insertion:
         start, stop, steps, markers = self.start, self.stop, self.steps, self.markers
         target_mm = self.settings.problem.target_mm[1:]
         end, unmeasured = self._measure_end()
-        budget = None if end is None else _find_budget(end, target_mm, self.source)
         bounds = self._judge_end(end)
+        budget = None if end is None or bounds is None else _find_budget(end, bounds, self.source)
         ending = self._decide_ending(bounds)
         nis = _known(step.nis for step in steps if step.believed)
         return InsertionTrial(
@@ -248,8 +248,8 @@ class _Insertion:
             replans=stop.replans,
             length_mm=None if stop.exit_status == INCOMPLETE else stop.depth_mm,
             tip_mm=None if end is None else end.tip_mm,
-            shaft_mm=() if end is None else _thin_path(end.centre_line_mm),
-            target_error_mm=None if end is None else math.dist(end.tip_mm, target_mm),
+            shaft_mm=() if end is None else (*_thin_path(end.centre_line_mm)[:-1], end.tip_mm),
+            target_error_mm=None if end is None or bounds is None else bounds.in_plane_mm,
             sigma_target_error_mm=None if budget is None else budget.total,
             target_error_budget_mm=budget,
             unmeasured=unmeasured,
@@ -284,7 +284,6 @@ class _Insertion:
                 protocol.needle.diameter_mm,
                 protocol.sheath.diameter_mm,
                 mask=source.view.mask,
-                roll_sd_rad=self.start.roll_zero_sd_rad,
             )
         except (MeasurementRefusedError, PictureError, RecordError) as error:
             return None, source.explain(error)
@@ -367,16 +366,16 @@ def _find_clearance_mm(position_mm: FloatArray, problem: PlanProblem) -> float |
     return min(apart) - problem.diameter_mm / 2 if apart else None
 
 
-def _find_budget(end: ShaftTip, target_mm: tuple[float, float], source: _Source) -> ErrorBudget:
+def _find_budget(end: ShaftTip, bounds: TargetErrorBounds, source: _Source) -> ErrorBudget:
     """Return the error budget of the distance from the target to the end of the shaft.
 
-    The drift between the grid pictures scales with the distance from the origin, and is a part of the plane's.
+    The drift between the grid pictures scales with the distance from the origin, and is a part of the plane's. The
+    roll's part is what the depth that is not known makes of it.
     """
-    tip_mm = np.array(end.tip_mm)
-    towards = tip_mm - target_mm
-    towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
+    towards = bounds.off_mm / max(bounds.in_plane_mm, 1e-9)
     budget = budget_place(source.view.plane, end.tip_px, end.errors, towards)
-    return budget.with_drift(source.drift * float(np.linalg.norm(tip_mm)))
+    budget = budget.model_copy(update={"roll": abs(float(bounds.ray_sd_mm @ towards)) or None})
+    return budget.with_drift(source.drift * math.hypot(*end.tip_mm))
 
 
 def _thin_path(path: FloatArray) -> tuple[Point, ...]:

@@ -122,7 +122,7 @@ def trace_path(
     """
     acting_mm = [min(turn.depth_mm + backlash_mm / 2, depth_mm) for turn in turns]
     lengths_mm = (end - start for start, end in pairwise((0.0, *acting_mm, depth_mm)))
-    turned = ((turn.to_rad - roll_zero_rad, _sign(turn.to_rad - turn.from_rad)) for turn in turns)
+    turned = ((turn.to_rad - roll_zero_rad, int(np.sign(turn.to_rad - turn.from_rad))) for turn in turns)
     rolls = ((0.0, centred), *turned)
     return tuple(RolledStretch(max(0.0, mm), *roll) for mm, roll in zip(lengths_mm, rolls, strict=True))
 
@@ -215,14 +215,17 @@ def see_end(
     return SeenEnd(place_mm, np.sqrt(shared + read), slope, by, depth, None if shaft is None else shown_mm)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TargetErrorBounds:
     """The distance between a needle's end and its target.
 
     Attributes
     ----------
-    in_plane_mm : float
-        As seen in the plane: from the shaft in the last picture, or, where that is not measured, from the estimate.
+    off_mm : ndarray (2,)
+        In the plane, (y, z): of the shaft in the last picture, or, where that is not measured, of the estimate. Where
+        the picture contradicts the path it lies on the line of sight at the depth that the picture tells.
+    ray_sd_mm : ndarray (2,)
+        What its depth, as far as that is not known, makes of it: a standard deviation along each axis.
     interval_mm : (float, float)
         In space, with a probability of 95 %.
     by, tip_mm : str, (float, float)
@@ -233,12 +236,18 @@ class TargetErrorBounds:
         How far the end is out of the plane, if the picture tells.
     """
 
-    in_plane_mm: float
+    off_mm: FloatArray
+    ray_sd_mm: FloatArray
     interval_mm: tuple[float, float]
     by: EndSource
     tip_mm: tuple[float, float]
     sources: TargetErrorSources
     depth: EndDepth | None = None
+
+    @property
+    def in_plane_mm(self) -> float:
+        """The distance in the plane."""
+        return float(np.linalg.norm(self.off_mm))
 
     def decide(self, tolerance_mm: float) -> Ending:
         """Return how an insertion ended that was steered to its target."""
@@ -249,7 +258,11 @@ class TargetErrorBounds:
             )
             return Ending("missed", "target_missed", cause)
         arrival = decide_arrival(self.interval_mm, tolerance_mm)
-        cause = f"the needle's end is {self._tell()}, and {tolerance_mm:g} mm are allowed"
+        low_mm, high_mm = self.interval_mm
+        cause = (
+            f"the needle's end is {self.in_plane_mm:.2f} mm from the target in the plane, and between {low_mm:.2f} "
+            f"and {high_mm:.2f} mm in space (95 %), and {tolerance_mm:g} mm are allowed"
+        )
         if self.depth is not None and self.depth.contradicts:
             outcome = "missed" if arrival == "missed" else "reached_in_plane_only"
             return Ending(outcome, "left_the_plane", f"{_describe_depth(self.depth)}; {cause}", _LEFT_HINT)
@@ -258,9 +271,7 @@ class TargetErrorBounds:
         if arrival == "reached":
             return Ending(arrival, "target_reached", cause)
         name, hint = _SOURCES[self.sources.largest]
-        unseen = (
-            f"one camera does not see what is out of its plane, and most of the uncertainty comes from {name}"
-        )
+        unseen = f"one camera does not see out of its plane, and most of the uncertainty comes from {name}"
         return Ending(arrival, arrival, f"{cause}; {unseen}", hint)
 
     def warn(self, tolerance_mm: float) -> Problem | None:
@@ -291,13 +302,6 @@ class TargetErrorBounds:
             "target_error_sources_mm": self.sources,
             "depth": self.depth,
         }
-
-    def _tell(self) -> str:
-        low_mm, high_mm = self.interval_mm
-        return (
-            f"{self.in_plane_mm:.2f} mm from the target in the plane, and between {low_mm:.2f} and {high_mm:.2f} mm "
-            "in space (95 %)"
-        )
 
 
 def decide_ending(
@@ -388,39 +392,39 @@ def bound_error(
     seen: SeenEnd, unseen: OutOfPlaneBudget, target_mm: Point, target_sd_mm: float
 ) -> TargetErrorBounds:
     """Return the distance in space from the target to a needle's end that may be so far out of the plane."""
-    possible = (PossibleDepth(1.0, 0.0, unseen.total_mm),) if seen.depth is None else seen.depth.possible
+    depth, x_mm, x_sd_mm = seen.depth, 0.0, unseen.total_mm
+    if depth is not None:
+        x_mm = depth.x_mm if depth.contradicts else 0.0
+        x_sd_mm = math.hypot(depth.sd_mm, depth.x_mm - x_mm)
     off_mm = seen.place_mm - target_mm[1:]
     shown_mm = seen.place_mm if seen.shown_mm is None else seen.shown_mm
+    possible = (PossibleDepth(1.0, 0.0, x_sd_mm),) if depth is None else depth.possible
     ray = np.array((1.0, *seen.slope))
     covariance = np.diag((0.0, *np.square(seen.sd_mm))) + target_sd_mm**2 * np.eye(3)
     offsets = (
         TipOffset(
-            np.array((-target_mm[0], *off_mm)) + depth.x_mm * ray,
-            covariance + depth.sd_mm**2 * np.outer(ray, ray),
-            depth.probability,
+            np.array((-target_mm[0], *off_mm)) + one.x_mm * ray,
+            covariance + one.sd_mm**2 * np.outer(ray, ray),
+            one.probability,
             seen.slope,
         )
-        for depth in possible
+        for one in possible
     )
     return TargetErrorBounds(
-        in_plane_mm=math.dist(shown_mm, target_mm[1:]),
+        off_mm=shown_mm + x_mm * seen.slope - target_mm[1:],
+        ray_sd_mm=x_sd_mm * seen.slope,
         interval_mm=bound_target_error(*offsets),
         by=seen.by,
         tip_mm=(float(seen.place_mm[0]), float(seen.place_mm[1])),
         sources=TargetErrorSources(
             **vars(unseen), in_plane=float(np.linalg.norm(seen.sd_mm)), target=target_sd_mm
         ),
-        depth=None if seen.depth is None else EndDepth.model_validate(seen.depth, from_attributes=True),
+        depth=None if depth is None else EndDepth.model_validate(depth, from_attributes=True),
     )
 
 
 def _describe_depth(depth: EndDepth) -> str:
-    side = "behind" if depth.x_mm > 0 else "before"
     return (
-        f"by its width and length in the picture the needle's end is {abs(depth.x_mm):.1f} mm {side} the plane "
-        f"(standard deviation {depth.sd_mm:.1f} mm), which its path does not explain"
+        f"by its width and length in the picture the needle's end is {abs(depth.x_mm):.1f} mm (SD "
+        f"{depth.sd_mm:.1f} mm) {'behind' if depth.x_mm > 0 else 'before'} the plane, which its path does not explain"
     )
-
-
-def _sign(value: float) -> int:
-    return int(math.copysign(1, value)) if value else 0

@@ -100,7 +100,7 @@ def _draw_nis(axes: Axes, steps: pd.DataFrame, mean_nis: float | None) -> None:
     if mean_nis is not None:
         axes.axhline(mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {mean_nis:.2g}; 2 expected")
     axes.set_yscale("log")
-    axes.set_ylim(top=4 * NIS_95)
+    axes.set_ylim(top=max(4 * NIS_95, 1.5 * pd.to_numeric(steps["nis"]).max()))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
 

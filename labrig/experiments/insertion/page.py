@@ -29,6 +29,7 @@ TEMPLATE = Path(__file__).with_name("page.html.jinja")
 # At most this many insertions are shown picture by picture, misses first.
 _SHOWN = 4
 _MOST_PANELS = 8
+_BEHIND_MM, _RING_MM = 0.1, 0.4
 
 
 @dataclass(frozen=True)
@@ -94,18 +95,23 @@ def _draw_insertion(
             *scene.draw_line("former", scene.plan_mm),
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
             *scene.draw_line("true", true_path_mm),
+            *([] if trial.tip_mm is None else [scene.draw_ring("tip", trial.tip_mm, _RING_MM)]),
         )
-        why = "stopped, at the target" if trial.reached else f"stopped, {trial.cause}"
-        told = f"{trial.length_mm or 0.0:.1f} mm, {at_s:.0f} s", why
+        told = (
+            f"{trial.length_mm or 0.0:.1f} mm, {at_s:.0f} s",
+            "at the target" if trial.reached else "stopped",
+        )
         panels += _draw_panel(run, final, strokes, plane, told)
     off_mm = None if true_mm is None else math.dist(true_mm[1:], trial.target_mm[1:])
     return ShownInsertion(trial, tuple(panels), figure, off_mm)
 
 
 def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:
-    """Return the plans that are shown: those that were found, of those near the target only the first."""
+    """Return the plans that are shown: those that were found anew, of those near the target only the first."""
     anew = any(plan.because == "origin" for plan in plans)
-    found = [plan for plan in plans if plan.plan.found and not (anew and plan.because == "start")]
+    # A path from behind the picture is the one before: the search found none.
+    fresh = [plan for plan in plans if plan.plan.found and plan.from_mm > plan.depth_mm - _BEHIND_MM]
+    found = [plan for plan in fresh if not (anew and plan.because == "start")]
     near = next((plan for plan in found if plan.because == "near"), None)
     kept = [plan for plan in found if plan.because != "near" or plan is near]
     chosen = np.linspace(0, len(kept) - 1, min(len(kept), _MOST_PANELS - 1)).round().astype(int)

@@ -404,9 +404,7 @@ class Insertion:
         backlash_mm = protocol.policy.backlash_mm
         path = trace_path(bevel.turns, roll_zero.zero_rad, state.insertion_mm, bevel.centred, backlash_mm)
         try:
-            shaft = self.sight.measure_end(
-                final, protocol.needle.diameter_mm, protocol.sheath.diameter_mm, roll_zero.sd_rad
-            )
+            shaft = self.sight.measure_end(final, protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
         except MeasurementRefusedError:
             shaft = None
         estimate = EstimatedEnd(state.tip.position_mm[1:], state.tip.position_sd_mm, state.seen)

@@ -128,10 +128,11 @@ class InsertionTrial(InsertionRow):
     and `target_error_sources_mm` says what that consists of; without `out_of_plane:` in the protocol both are None, and
     the plane decides. `target_error_interval_by` and `target_error_interval_tip_mm`, (y, z), say from which place it is
     measured. `depth` is what the final picture shows of it; None if it shows nothing.
-    `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
-    is no tip. `target_error_mm` is from that tip, by the shaft alone. `target_error_budget_mm` says what
-    `sigma_target_error_mm` consists of: lens, plane (with the drift between the grid pictures), surface, roll,
-    lighting, and the reading of the end.
+    `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line up to there; `unmeasured` says
+    why there is no tip. `target_error_mm` is from that tip, by the shaft alone; where the picture shows that the needle
+    has left the plane, from its place at the depth that is told. `target_error_budget_mm` says what
+    `sigma_target_error_mm` consists of: lens, plane (with the drift between the grid pictures), surface, roll (what the
+    depth that is not known makes of the place), lighting, and the reading of the end.
     `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
     compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
     of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
@@ -233,7 +234,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     lines = (
         "error mm: by the shaft in the last picture; in space: by that, by the estimate on the way, or by both",
         f"{arrived}, {in_plane} in the plane only" if in_plane else arrived,
-        noise,
+        noise and f"{noise} (estimator.observation_sd_mm, policy.backlash_mm)",
         "this labrig estimates otherwise than the one that made the run, with the same settings"
         if changed
         else None,
@@ -245,18 +246,18 @@ def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:
     """Return what the NIS says against the stated noise, and what to state; None where nothing is to be changed."""
     if noise is None or noise["verdict"] == "as expected":
         return None
-    low, high = noise["usual_nis"]
-    found = f"mean NIS {noise['mean_nis']:.2g}, usually {low:.1f} to {high:.1f}"
-    stated_mm, advised_mm = noise["stated_observation_sd_mm"], noise["advised_observation_sd_mm"]
-    if noise["verdict"] == "too small":
-        if advised_mm is None or advised_mm >= stated_mm:
-            return None
-        how = "better"
-    elif advised_mm is None or advised_mm <= stated_mm:
-        return f"{found}: the needle moves otherwise than radius_mm, backlash_mm and process_sd_deg_per_root_mm say"
+    (low, high), mean, is_small = noise["usual_nis"], noise["mean_nis"], noise["verdict"] == "too small"
+    stated_mm, advised_mm = noise["stated_observation_sd_mm"], noise["advised_observation_sd_mm"] or math.nan
+    found = f"The mean NIS is {mean:.2g}, where {low:.1f} to {high:.1f} is usual"
+    share = stated_mm / advised_mm
+    if is_small and not share > 1.0:
+        return None
+    if is_small or (share < 1.0 and mean * share**2 <= high):
+        how = "better" if is_small else "worse"
+        told = f"the tip was seen {how} than the stated {stated_mm:g} mm; {advised_mm:.2g} mm would fit"
     else:
-        how = "worse"
-    return (
-        f"{found}: the tip was seen {how} than estimator.observation_sd_mm {stated_mm:g} says; "
-        f"{advised_mm:.2g} would fit"
-    )
+        told = "the needle moves otherwise than stated: its radius, its wandering or its backlash"
+        backlash_mm, sd_mm = noise.get("backlash_mm"), noise.get("backlash_sd_mm")
+        if backlash_mm and sd_mm and abs(backlash_mm - noise["stated_backlash_mm"]) > 2 * sd_mm:
+            told += f", which was measured as {backlash_mm:.1f} ± {sd_mm:.1f} mm, not {noise['stated_backlash_mm']:g}"
+    return f"{found}: {told}"

@@ -106,8 +106,8 @@ class Scene:
         aim = self.locate()
         target_mm = aim.target_mm[1:]
         for ball in aim.obstacles:
-            yield _make_stroke("obstacle", circle(ball.position_mm[1:], ball.radius_mm, self.plane))
-        yield _make_stroke("target", circle(target_mm, self.start.tolerance_mm, self.plane))
+            yield self.draw_ring("obstacle", ball.position_mm[1:], ball.radius_mm)
+        yield self.draw_ring("target", target_mm, self.start.tolerance_mm)
         yield from self._draw_cross("target", target_mm)
 
     def draw_ways(self) -> Iterator[Stroke]:
@@ -118,7 +118,7 @@ class Scene:
     def draw_tip(self) -> Iterator[Stroke]:
         """Yield a ring around the estimated tip, and a cross where the tip was seen and believed."""
         if self.last is not None:
-            yield _make_stroke("taken", circle(self.last.estimate_mm, _TIP_MM, self.plane))
+            yield self.draw_ring("taken", self.last.estimate_mm, _TIP_MM)
             if self.last.tip_mm is not None and self.last.believed:
                 yield from self._draw_cross("seen", self.last.tip_mm)
 
@@ -126,6 +126,10 @@ class Scene:
         """Yield a line through points (N, 2) of the plane, if there is one."""
         if len(points_mm) > 1:
             yield _make_stroke(name, self.plane.to_px(np.array(points_mm)))
+
+    def draw_ring(self, name: str, place_mm: Sequence[float], radius_mm: float) -> Stroke:
+        """Return a circle of the plane."""
+        return _make_stroke(name, circle(place_mm, radius_mm, self.plane))
 
     def _draw_cross(self, name: str, place_mm: Sequence[float]) -> Iterator[Stroke]:
         for along in _TIP_MM * np.eye(2):

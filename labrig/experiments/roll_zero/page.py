@@ -1,7 +1,6 @@
 """What the page of a roll zero run shows: each insertion's deflection, and the cosine of the roll through them."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from labrig.experiments.roll_zero.analysis import find_last_origin
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult
 from labrig.experiments.shared.roll_zero_events import RollZeroRole
-from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
 from labrig.report.page import Page
@@ -40,21 +38,12 @@ def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZ
     ]
     shown = {
         "residuals_mm": residuals_mm,
-        "truth": _read_true_needle(run),
         "figure": _draw_figure(content, residuals_mm, "roll-zero") if content.rolls_rad else None,
         "shots": _list_shots(run, content, plane, protocol.roll_zero.length_mm),
         "degrees": math.degrees,
         "out_of_plane_mm": lambda length_mm: _leave_plane_mm(length_mm, protocol.needle.design_radius_mm),
     }
     return Page(TEMPLATE, plane, shown)
-
-
-def _read_true_needle(run: Run) -> Mapping[str, object] | None:
-    """Return the needle of the simulated world; None on a rig."""
-    match None if run.rig_path is None else load_yaml_values(run.rig_path):
-        case {"world": {"needle": Mapping() as needle}}:
-            return needle
-    return None
 
 
 def _leave_plane_mm(length_mm: float, radius_mm: float) -> float:

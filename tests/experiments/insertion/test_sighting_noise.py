@@ -16,16 +16,14 @@ _NOISE = {
     ("change", "told"),
     [
         ({}, None),
-        ({"verdict": "too small", "mean_nis": 0.04}, "seen better than .* 0.2 says; 0.05 would fit"),
+        ({"verdict": "too small", "mean_nis": 0.04}, "seen better than the stated 0.2 mm; 0.05 mm would fit"),
         ({"verdict": "too small", "stated_observation_sd_mm": 0.05}, None),
-        (
-            {"verdict": "too large", "advised_observation_sd_mm": 0.4},
-            "seen worse than .* 0.2 says; 0.4 would",
-        ),
-        ({"verdict": "too large"}, "the needle moves otherwise than radius_mm"),
+        ({"verdict": "too large", "advised_observation_sd_mm": 0.4}, "worse than .* 0.2 mm; 0.4 mm would fit"),
+        ({"verdict": "too large", "advised_observation_sd_mm": 0.4, "mean_nis": 17.0}, "the needle moves otherwise"),
+        ({"verdict": "too large"}, "the needle moves otherwise than stated"),
         ({"verdict": "too large", "advised_observation_sd_mm": None}, "the needle moves otherwise"),
     ],
-)
+)  # fmt: skip
 def test_a_nis_out_of_its_range_names_what_to_state(change: dict[str, object], told: str | None) -> None:
     """Both ways, and not where the protocol states what is advised already."""
     sentence = describe_sighting_noise(_NOISE | change)

@@ -42,13 +42,8 @@ def test_the_zero_is_drawn_and_each_insertion_has_its_line_and_its_picture(tmp_p
     assert isinstance(page.result.content, RollZeroResult)
     assert page.result.content.fit is not None
     assert page.result.content.fit["zero_rad"] == pytest.approx(ZERO_RAD, abs=math.radians(1.0))
-    for told in (
-        "Needle N1 bends towards −y",
-        "fitted cosine",
-        "roll zero, ±\u00a02 SD",
-        "1 picture did not show",
-    ):
-        assert told in page.html
+    told = ("Needle N1 bends towards −y", "fitted cosine", "roll zero, ±\u00a02 SD", "1 picture did not show")
+    assert all(words in page.html for words in told)
     assert page.html.count("data:image/jpeg") == 6
     for roll_deg in (0, 60, 120, 240, 300):
         assert f'<td class="n">{roll_deg}.0</td>' in page.html

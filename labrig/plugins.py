@@ -57,7 +57,7 @@ class Plugin:
         except Exception as error:
             raise PluginError(
                 f"{self} cannot be imported: {type(error).__name__}: {error}",
-                f"install another version of {self.package}, or uninstall it",
+                f"mend it, or install another version of {self.package}, or uninstall it",
             ) from error
         interface = getattr(found, "interface", None)
         if interface != INTERFACE:

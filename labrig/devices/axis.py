@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from labrig.clock import Clock
-from labrig.devices.axis_description import AxisDescription
+from labrig.devices.axis_description import AxisDescription, refuse_unreferenced
 from labrig.devices.drives.cia402 import Cia402Drive
 from labrig.devices.drives.drive import DriveReading, Homing, Setpoint
 from labrig.devices.position_supervision import (
@@ -15,7 +15,7 @@ from labrig.devices.position_supervision import (
     expect_move,
     expect_rest,
 )
-from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, LimitError, SafetyStopError
+from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, LimitError
 
 _STOP_MARGIN_S = 0.5
 _MOVE_MARGIN_S = 2.0
@@ -95,10 +95,7 @@ class Axis:
         """
         self.description.check_move(self.name, position, speed)
         if not (self.referenced or self.assumed):
-            raise SafetyStopError(
-                f"axis {self.name} is not referenced: nobody knows where it stands",
-                f"first: labrig devices home --axis {self.name} --rig FILE",
-            )
+            raise refuse_unreferenced(self.name)
         self._start(position, speed, self._beyond(position))
         return self.drive.round_move(position, speed)
 

@@ -11,7 +11,7 @@ from labrig.devices.drives.drive import HOMING_HERE, Homing
 from labrig.devices.drives.model import Model as DriveModel
 from labrig.devices.input_channel import ChannelName, InputChannel
 from labrig.devices.units import TURN_RAD, AxisScale
-from labrig.errors import InputError, LimitError
+from labrig.errors import InputError, LimitError, SafetyStopError
 from labrig.plugins import INTERFACE
 from labrig.protocol.model import Conflict, Interval, LimitMa, Model
 
@@ -218,3 +218,11 @@ class AxisDescription(Model):
             if channel.source not in known:
                 hint = f"it has {', '.join(known) or 'none that labrig knows'}"
                 yield Conflict(f"inputs.{name}.source", f"{channel.source} is no input of this drive", hint)
+
+
+def refuse_unreferenced(name: str) -> SafetyStopError:
+    """Return why an axis without a reference may not be moved."""
+    return SafetyStopError(
+        f"axis {name} is not referenced: nobody knows where it stands",
+        f"call session.reference_axes() before the first move, or first: labrig devices home --axis {name} --rig FILE",
+    )

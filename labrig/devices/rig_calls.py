@@ -87,7 +87,7 @@ class RigCalls(Protocol):
             Names axis, value and limit. A speed is also refused when the whole units of the drive miss it by more than
             the tolerance; that part is left out while gear, lead or encoder are unknown.
         """
-        dict(self.description.axes.items())[axis_name].check_move(axis_name, position, speed)
+        self.description.axes.named(axis_name).check_move(axis_name, position, speed)
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move [mm or rad, per s] and return at once.

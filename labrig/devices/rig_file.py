@@ -50,6 +50,13 @@ class AxesDescription(Model):
         """Return the axes with their names, in the order in which they are connected."""
         return (("insertion", self.insertion), ("rotation", self.rotation), ("linear", self.linear))
 
+    def named(self, name: str) -> AxisDescription:
+        """Return an axis. Raises `LookupError` for another name."""
+        axes = dict(self.items())
+        if name not in axes:
+            raise LookupError(f"there is no axis {name!r}, only {', '.join(axes)}")
+        return axes[name]
+
     def conflicts(self) -> Iterable[Conflict]:
         """Yield names of inputs that two axes share, and units that do not fit the axis."""
         wired: dict[str, str] = {}

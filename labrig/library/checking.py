@@ -21,7 +21,7 @@ _RIG_LEFT = (
     "drives and camera (labrig devices check)",
     "whether another labrig holds the rig",
     "answers of the operator",
-    "what the first pictures show",
+    "what the pictures show, and what is measured in them",
 )
 _NAME_LEFT = "the name of the run"
 

@@ -140,8 +140,8 @@ class Experiment(MeasuredExperiment):
             raise InputError(f"the experiment {self.name} has no {name}", "it cannot do this")
         return found
 
-    def blame(self, error: Exception) -> PluginError:
-        """Return an error that its parts have raised, with file and line."""
+    def blame(self, error: Exception, more: str = "") -> PluginError:
+        """Return an error that its parts have raised, with file and line; `more` ends its hint."""
         frames = traceback.extract_tb(error.__traceback__)
         package = find_spec(self.module.partition(".")[0])
         root = "" if package is None else (package.origin or "").removesuffix("__init__.py")
@@ -149,7 +149,7 @@ class Experiment(MeasuredExperiment):
         where = f", in {own[-1].filename}, line {own[-1].lineno}" if own else ""
         return PluginError(
             f"{self.plugin}: {type(error).__name__}: {error}{where}",
-            f"mend it, or ask who wrote {self.plugin.package}",
+            f"mend it, or ask who wrote {self.plugin.package}{more}",
         )
 
     def require_parts(self) -> None:
@@ -188,9 +188,7 @@ class Experiment(MeasuredExperiment):
         except Exception as error:
             if self.plugin.package == "labrig" or type(error).__module__.startswith("labrig."):
                 raise
-            blamed = self.blame(error)
-            blamed.hint = f"{blamed.hint}; the record is {session.recorder.path}"
-            raise blamed from error
+            raise self.blame(error, f"; the record is {session.recorder.path}") from error
 
 
 @cache

@@ -212,7 +212,7 @@ class Session:
 
     def axis(self, name: str) -> AxisDescription:
         """Return an axis of the rig file: insertion, rotation or linear."""
-        return dict(self.description.axes.items())[name]
+        return self.description.axes.named(name)
 
     def stands_at_start(self) -> bool:
         """Return whether every axis has kept its reference, and needle and sheath stand where an insertion begins."""

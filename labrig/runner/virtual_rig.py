@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from labrig.devices.axis_description import AXES, AxisDescription
+from labrig.devices.axis_description import AXES, AxisDescription, refuse_unreferenced
 from labrig.devices.axis_positions import AxisPositions
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drives.drive import DriveReading, Setpoint
@@ -175,6 +175,8 @@ class VirtualRig(RigCalls):
             super().check_move(axis_name, position, speed)
         except LimitError as error:
             self.refused[error.message] = Problem(f"rig axes.{axis_name}", error.message, error.hint)
+        if axis_name not in self.needle.state.referenced:
+            raise refuse_unreferenced(axis_name)
 
     def start_move(self, axis_name: str, position: float, speed: float) -> Setpoint:
         """Start a move."""
@@ -234,7 +236,7 @@ class EventList:
     frames: int = 0
     drawn: int = 0
     sights: int = 0
-    path: Path = Path("virtual")
+    path: Path = Path("not kept")
     run_name: str = "virtual"
 
     def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:  # noqa: ARG002

@@ -95,6 +95,10 @@ def test_a_plugin_that_fails_is_named_and_fatal_to_nothing(
             "mistyped", "def run(protocol, session):\n    session.reference_axis()\n", 1,
             r"'Session' object has no attribute 'reference_axis', in \S+lab_mistyped\.py, line 16",
         ),
+        (
+            "axis", "def run(protocol, session):\n    session.move('needle', 1.0, 1.0)\n", 1,
+            r"there is no axis 'needle', only insertion, rotation, linear, in \S+lab_axis\.py, line 16",
+        ),
         ("event", EVENT, 1, r"ValidationError: .* roll_rad Field required .*, in \S+lab_event\.py, line 22"),
     ],
 )  # fmt: skip

@@ -4,6 +4,7 @@ import pytest
 
 from labrig.devices.needle_state import NEW
 from labrig.devices.operator import ClearBench, PlaceSpecimen
+from labrig.errors import SafetyStopError
 from labrig.runner.session import Session
 from labrig.runner.virtual_rig import EventList, VirtualRig
 from labrig.simulation.world import World
@@ -12,10 +13,12 @@ from tests.devices.rigs import large_rig
 
 @pytest.fixture
 def session() -> Session:
-    """Return a session on a virtual rig whose axes are referenced."""
+    """Return a session on a virtual rig whose axes are referenced; before that none of them moves."""
     rig = large_rig()
     assert rig.world is not None
     made = Session(VirtualRig(rig, World(rig.world, 1), NEW, 0.0), EventList(), lambda _done, _doing: None)
+    with pytest.raises(SafetyStopError, match="axis linear is not referenced"):
+        made.move("linear", 1.0, 5.0)
     made.reference_axes()
     return made
 

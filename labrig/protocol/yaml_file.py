@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from io import StringIO
 from pathlib import Path
 from types import MappingProxyType
@@ -98,9 +99,7 @@ def apply_overrides(tree: Tree, overrides: Sequence[str]) -> Tree:
     A value is a YAML scalar, or any YAML if it starts with a bracket, a brace or a quote. An index names the entry of a
     list: `specimens.0.name=A`. Unknown keys are found when the model is validated.
     """
-    for text in overrides:
-        tree = _apply_override(tree, text)
-    return tree
+    return reduce(_apply_override, overrides, tree)
 
 
 def _apply_override(tree: Tree, text: str) -> Tree:

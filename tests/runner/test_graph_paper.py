@@ -18,7 +18,6 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome
 from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.devices.rigs import simulated_rig
 from tests.experiments.insertion.test_procedure import EVEN, insertion, open_certified_rig
 from tests.pages import write_page
 from tests.runner.sessions import PROTOCOLS, RunBench, Watched, bench, large_bench
@@ -100,7 +99,7 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
 def test_a_bumped_camera_measures_nothing(tmp_path: Path) -> None:
     """After a bump of 2 % the answer is no: no target error is stated, and no zero is certified."""
     aimed, sought = insertion(*NEAR), roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
-    with open_certified_rig(tmp_path, aimed, EVEN, describe=simulated_rig) as opened:
+    with open_certified_rig(tmp_path, aimed, EVEN, bench) as opened:
         inserted = conduct(opened, aimed, 0.02, ConfirmPlan)
     with bench(tmp_path / "zero", sought, EVEN) as opened:
         turned = conduct(opened, sought, 0.02, ShiftToHole)

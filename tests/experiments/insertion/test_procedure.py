@@ -27,7 +27,6 @@ from labrig.devices.operator import (
     PickPixel,
     PickTarget,
 )
-from labrig.devices.rig_file import RigDescription
 from labrig.errors import SafetyStopError, TargetMissedError, TrialsFailedError
 from labrig.experiments.declared import PROTOCOL_MODELS, find_experiment
 from labrig.experiments.insertion.ending import UNSURE_STOPS
@@ -43,7 +42,7 @@ from labrig.runner.session import Session
 from labrig.steering.torsion import TorsionalLag
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.devices.rigs import large_rig
-from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench, large_bench
+from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, large_bench
 from tests.runner.test_pausing import Asks, require_identical
 
 Words = tuple[str, ...]
@@ -69,13 +68,10 @@ def insertion(*overrides: str) -> ExperimentProtocol:
 
 @contextmanager
 def open_certified_rig(
-    tmp_path: Path,
-    protocol: ExperimentProtocol,
-    overrides: Sequence[str] = (),
-    describe: Callable[..., RigDescription] = large_rig,
+    tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = (), open_bench: Any = large_bench
 ) -> Iterator[RunBench]:
     """Open a rig with a mounted needle, referenced axes and a certified roll zero."""
-    with bench(tmp_path, protocol, overrides, describe=describe) as opened:
+    with open_bench(tmp_path, protocol, overrides) as opened:
         rig = opened.opened.rig
         opened.opened.hardware.world.mount_needle("N1")
         rig.enable()

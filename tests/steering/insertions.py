@@ -62,8 +62,8 @@ def insert(seed: int, planar: bool, radius_mm: float = RADIUS_MM, noise: float =
     arc[:3, :3] = Rotation.from_rotvec((angle, 0.0, 0.0)).as_matrix()
     arc[:3, 3] = radius_mm * np.array((0.0, math.cos(angle) - 1.0, math.sin(angle)))
     truth = [_turn(noise * turns_about * rng.normal(0.0, START_SD_RAD, 3))]
-    for roll, turn in zip(rolls, turns, strict=True):
-        truth.append(truth[-1] @ _turn((0.0, 0.0, roll)) @ arc @ _turn(turn))
+    for roll, turn in zip(_turn(np.outer(rolls, (0.0, 0.0, 1.0))), _turn(turns), strict=True):
+        truth.append(truth[-1] @ roll @ arc @ turn)
     poses = np.stack(truth)
     seen_along = np.array((0.0, 1.0, 1.0) if planar else (1.0, 1.0, 1.0))
     seen = poses[:, :3, 3] + noise * seen_along * rng.normal(0.0, SIGMA_MM, (STEPS + 1, 3))
@@ -86,13 +86,15 @@ def heading_errors_rad(poses: Floats, truth: Floats) -> Floats:
     return np.arctan2(crossed, np.sum(poses[:, :3, 2] * truth[:, :3, 2], axis=1))
 
 
-def nees(state: TipState, truth: Floats, curvature: float, chosen: EstimatorSettings) -> float:
-    """Return the normalised estimation error squared of what is uncertain."""
-    turned = Rotation.from_matrix(state.rotation.T @ truth[:3, :3]).as_rotvec()
-    moved = state.rotation.T @ (truth[:3, 3] - state.position_mm)
-    error = np.array((*moved, *turned, curvature - state.curvature))[list(chosen.errors)]
-    covariance = state.covariance[np.ix_(chosen.errors, chosen.errors)]
-    return float(error @ np.linalg.solve(covariance, error))
+def nees(states: list[TipState], truth: Floats, curvature: float, chosen: EstimatorSettings) -> Floats:
+    """Return the normalised estimation errors squared of what is uncertain, (T + 1,)."""
+    back = np.stack([state.rotation.T for state in states])
+    turned = Rotation.from_matrix(back @ truth[:, :3, :3]).as_rotvec()
+    moved = back @ (truth[:, :3, 3] - np.stack([state.position_mm for state in states]))[..., None]
+    bent = curvature - np.array([[state.curvature] for state in states])
+    errors = np.hstack((moved[..., 0], turned, bent))[:, list(chosen.errors), None]
+    covariances = np.stack([state.covariance[np.ix_(chosen.errors, chosen.errors)] for state in states])
+    return np.asarray((errors * np.linalg.solve(covariances, errors)).sum(axis=(1, 2)))
 
 
 def share_in_band(values: Floats, degrees: int) -> float:
@@ -109,8 +111,7 @@ def mean_nees_in_band(runs: int, planar: bool, radius_sd_mm: float) -> tuple[flo
     for seed in range(runs):
         drawn = np.random.default_rng([seed, 7]).normal(1.0 / RADIUS_MM, radius_sd_mm / RADIUS_MM**2)
         insertion = insert(seed, planar, 1.0 / drawn)
-        pairs = zip(follow(insertion, chosen), insertion.truth, strict=True)
-        values[seed] = [nees(state, truth, insertion.curvature, chosen) for state, truth in pairs]
+        values[seed] = nees(follow(insertion, chosen), insertion.truth, insertion.curvature, chosen)
     return share_in_band(values, len(chosen.errors)), float(values.mean()) / len(chosen.errors)
 
 
@@ -124,10 +125,10 @@ def heading_rmse_deg(runs: int, chosen: EstimatorSettings) -> float:
     return math.degrees(math.sqrt(np.mean(squares)))
 
 
-def _turn(vector: tuple[float, float, float] | Floats) -> Floats:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
-    return pose
+def _turn(vectors: Floats) -> Floats:
+    poses = np.tile(np.eye(4), (*vectors.shape[:-1], 1, 1))
+    poses[..., :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
+    return poses
 
 
 AWAY_MM = 10.0

@@ -576,18 +576,17 @@ def _next_run_differences(cell: Cell, description: RigDescription, run_name: str
     """Yield what the next run does otherwise than it should: it honours the needle and the lost references."""
     expected = outcome_of(cell.fault, cell.phase)
     _mend(cell)
-    with _rig(description, cell.hardware) as (rig, _, _):
-        refused = REFUSED_AT_CONNECT.get(cell.fault)
-        try:
-            rig.connect()
-        except errors.MachineError as error:
-            if refused is None or refused not in error.message:
-                yield f"next run: {error.message}"
-            if cell.fault not in WITHDRAWN_NEVERTHELESS:
-                return
-        else:
-            if refused is not None:
+    if (refused := REFUSED_AT_CONNECT.get(cell.fault)) is not None:
+        with _rig(description, cell.hardware) as (rig, _, _):
+            try:
+                rig.connect()
+            except errors.MachineError as error:
+                if refused not in error.message:
+                    yield f"next run: {error.message}"
+            else:
                 yield f"next run was not refused for {refused}"
+        if cell.fault not in WITHDRAWN_NEVERTHELESS:
+            return
     opening = Opening(hold_inputs=cell.fault not in WITHDRAWN_NEVERTHELESS)
     with _rig(description, cell.hardware, opening) as (rig, _, _):
         rig.connect()

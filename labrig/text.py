@@ -1,6 +1,7 @@
-"""How numbers and counts are printed."""
+"""How numbers, counts and quantities are printed."""
 
 import math
+import re
 from collections.abc import Sequence
 
 
@@ -36,3 +37,50 @@ def round_up(value: float, decimals: int) -> str:
     """Return a value that is too large, rounded up, as text."""
     step = 10.0**decimals
     return f"{math.ceil(value * step) / step:.{decimals}f}"
+
+
+_QUANTITIES = {
+    "true_target_error": "true error at the target",
+    "target_error": "error at the target",
+    "true_min_clearance": "true least clearance",
+    "min_clearance": "least clearance",
+    "planner radius": "planned radius",
+    "disturbances heading": "wandering of the heading",
+    "disturbances out of plane": "wandering out of the plane",
+    "sheath x play SD": "SD of the sheath's play",
+}
+_UNITS = {
+    "deg_per_root_mm": "degrees/√mm", "per_mm": "per mm",
+    "mm_s": "mm/s", "rad_s": "rad/s", "mm": "mm", "px": "px", "rad": "rad", "deg": "degrees", "s": "s", "percent": "%",
+}  # fmt: skip
+_WITH_UNIT = re.compile(rf"(.+?)_({'|'.join(_UNITS)})")
+
+
+def split_quantity(column: str) -> tuple[str, str | None]:
+    """Return what a column holds in words, and its unit; None without one: `radius_mm` is ("radius", "mm")."""
+    last = column.rpartition(".")[2]
+    parts = _WITH_UNIT.fullmatch(last)
+    name = parts[1] if parts else last
+    words = re.sub(r"\bsd\b", "SD", name.replace("_", " "))
+    return _QUANTITIES.get(name, words), _UNITS[parts[2]] if parts else None
+
+
+def split_key(key: str) -> tuple[str, str | None]:
+    """Return what a key of protocol or rig holds, and its unit: `target.position_mm.2` is "target position z", mm."""
+    *above, last = key.split(".")
+    place = int(last) if above and last.isdigit() else None
+    name, unit = split_quantity(last if place is None else above.pop())
+    words = f"{above[-1].replace('_', ' ')} {name}" if above else name
+    entry = "" if place is None else f" {'xyz'[place] if place < 3 else place + 1}"
+    return _QUANTITIES.get(words, words) + entry, unit
+
+
+def tell_value(value: object, key: str) -> str:
+    """Return a value with the unit of its column or key: 2 of `radius_mm` is "2 mm"."""
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{text} {split_key(key)[1] or ''}".rstrip()
+
+
+def tell_key(key: str, value: object) -> str:
+    """Return a key with its value in words: `replan_every_mm` of 5 is "replan every 5 mm"."""
+    return f"{split_key(key)[0]} {tell_value(value, key)}"

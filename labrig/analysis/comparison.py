@@ -26,20 +26,19 @@ from labrig.analysis.statistics import (
 )
 from labrig.errors import InputError
 from labrig.protocol.model import Model
+from labrig.record.difference import find_differences
 from labrig.record.json_lines import flatten
 from labrig.record.layout import RIG
-from labrig.text import format_count
+from labrig.text import format_count, split_key, split_quantity, tell_value
 
 DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
 MOST_GROUPS_IN_PAIRS = 12
 """A pair takes a third of a second where there are many groups, and a page of 66 pairs is as much as anybody reads."""
-PROTOCOLS_DIFFER = "The protocols of the runs differ in"
 _MOST_HINTED = 15
-_MOST_KEYS = 5
+_MOST_KEYS = 2
 _TALK = frozenset({"title", "notes", "operator"})
-_NAMING = _TALK | {"seed", "specimen", "specimens", "needle_id"}
+NAMING = _TALK | {"seed", "specimen", "specimens", "needle_id"}
 _INTERVALS = ("ci95_low", "ci95_high", "sigma_")
-_UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "deg", "s": "s", "percent": "%"}
 
 
 SharedErrors = dict[str, float | None]
@@ -165,7 +164,7 @@ def compare_runs(
     omitted |= {run.name: f"its result has no {wanted}" for run in runs if run not in used}
     comparison = Comparison(
         quantity=wanted,
-        unit=_UNITS.get(wanted.rpartition("_")[2]),
+        unit=split_quantity(wanted)[1],
         by=fields,
         unit_of_analysis=unit,
         groups=groups,
@@ -175,9 +174,8 @@ def compare_runs(
         warnings=(
             *unit_notes,
             *notes,
-            *_note_shared_blocks(counted),
-            *_note_settings(used),
-            *_note_protocols(used, fields),
+            *_note_shared(counted, used),
+            *_note_settings(used, fields),
             *_note_repeats(used),
             *(sentence for run in used for sentence in _note_run(run.about)),
             *_note_groups(groups, {run.about.simulated for run in used}),
@@ -311,44 +309,33 @@ def _test_pairs(samples: Mapping[str, Sequence[float]], shared: pd.DataFrame) ->
         yield Pair(a=names[i], b=names[j], **test._asdict(), shared_sigma=errors, ci95_with_shared=wide)
 
 
-def _note_shared_blocks(counted: pd.DataFrame) -> Iterable[str]:
-    """Say so where groups share blocks, so that their measurements are paired."""
-    shared = int((counted.groupby("block")["group"].nunique() > 1).sum())
-    if shared:
-        yield (
-            f"{format_count(shared, 'specimen')} are in more than one group. What a specimen has in common cancels in "
-            "their difference; these tests do not pair, and are too cautious."
-        )
+def _note_shared(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[str]:
+    """Say so where groups share blocks, or seeds of simulated runs, so that their measurements are paired."""
+    drawn = [run.run.manifest.get("seed") for run in runs if run.about.simulated]
+    seeds = {run.name: seed for run in runs if drawn.count(seed := run.run.manifest.get("seed")) > 1}
+    for noun, kept in (("specimen", counted["block"]), ("seed", counted["run"].map(seeds))):
+        shared = int((counted.groupby(kept)["group"].nunique() > 1).sum())
+        if shared and counted["group"].duplicated().any():
+            yield (
+                f"{format_count(shared, noun)} {'is' if shared == 1 else 'are'} in more than one group. What is common "
+                "cancels in their difference; these tests do not pair, and are too cautious."
+            )
 
 
-def _note_settings(runs: Sequence[Measured]) -> Iterable[str]:
-    """Yield each setting that is not the same in all results: for each of its values, the runs."""
-    keys = {key: None for run in runs for key in run.settings}
-    for key, told in _find_differing({run.name: (keys | dict(run.settings)).items() for run in runs}):
-        yield f"The results were measured with different settings: {key} is {told}."
-
-
-def _note_protocols(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]:
-    """Yield what the protocols say otherwise, by name; what names a run or its groups is expected to differ."""
-    values = _find_differing({run.name: flatten(run.run.protocol, skip=_NAMING) for run in runs})
-    told = [f"{key} ({found})" for key, found in values if key not in by]
+def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]:
+    """Yield in what runs were set otherwise, by protocol or afterwards; what names runs or groups is left out."""
+    told = {}
+    for key, values in find_differences(*({**run.run.protocol, **run.settings} for run in runs)):
+        if NAMING.union(by).isdisjoint({key, *key.split(".")}):
+            alike = defaultdict[str, list[str]](list)
+            for run, value in zip(runs, values, strict=True):
+                alike["not stated" if value is None else tell_value(value, key)].append(run.name)
+            words = (f"{value} in {_list_some(names)}" for value, names in alike.items())
+            told[key.removeprefix("analysis.")] = f"{split_key(key)[0]} ({'; '.join(words)})"
     if told:
-        more = f", and in {len(told) - _MOST_KEYS} more keys" if len(told) > _MOST_KEYS else ""
-        yield f"{PROTOCOLS_DIFFER} {', '.join(told[:_MOST_KEYS])}{more}."
-
-
-def _find_differing(values: Mapping[str, Iterable[tuple[str, object]]]) -> Iterator[tuple[str, str]]:
-    """Yield each key whose values are not the same in all runs, by whose names they come: each value, and where."""
-    found: dict[str, dict[str, list[str]]] = {}
-    for name, pairs in values.items():
-        own = defaultdict[str, list[str]](list)
-        for key, value in pairs:
-            own[key].append("not stated" if value is None else str(value))
-        for key, parts in own.items():
-            found.setdefault(key, {}).setdefault(", ".join(parts), []).append(name)
-    for key, runs in found.items():
-        if len(runs) > 1 or sum(map(len, runs.values())) < len(values):
-            yield key, "; ".join(f"{value} in {_list_some(names)}" for value, names in runs.items())
+        sections = ", ".join(dict.fromkeys(key.partition(".")[0].replace("_", " ") for key in told))
+        many = f"{len(told)} keys of {sections}, listed on the page under What was done"
+        yield f"The settings of the runs differ in {', '.join(told.values()) if len(told) <= _MOST_KEYS else many}."
 
 
 def _note_repeats(runs: Sequence[Measured]) -> Iterable[str]:
@@ -376,7 +363,7 @@ def _note_groups(groups: Sequence[Group], simulated: set[bool]) -> Iterable[str]
     if len(simulated) > 1:
         yield "Simulated runs and others are compared with each other."
     single = [group.name for group in groups if group.n < 2]
-    if single:
+    if single and len(single) < len(groups):
         yield f"Listed, but not tested, for less than two values: {_list_some(single)}."
     flat = [group.name for group in groups if group.sd == 0.0]
     if flat:

@@ -11,7 +11,7 @@ import pandas as pd
 from labrig.analysis.measurements import Measured
 from labrig.errors import InputError
 from labrig.record.condition import BLOCK_NAME, find_values
-from labrig.text import format_count
+from labrig.text import format_count, tell_key
 
 Unit = Literal["specimen", "insertion"]
 
@@ -110,13 +110,16 @@ def _find_values(rows: pd.DataFrame, runs: Sequence[Measured], name: str) -> "pd
     if name in rows:
         return rows[name].astype(object).map(_to_text, "ignore")
     by_run = {run.name: ", ".join(_list_run_values(run, name)) or None for run in runs}
+    told = {run.name: run.run.protocol[name] for run in runs if name in run.run.protocol}
+    if any(isinstance(section, Mapping) for section in told.values()):
+        by_run |= {a: f"as in {min(b for b in told if told[b] == told[a])}" for a in told}
     if not any(by_run.values()):
         near = get_close_matches(name, [*map(str, rows.columns), *ALIASES], 1)
         meant = f"did you mean {near[0]}? " if near else ""
         raise InputError(
             f"--by {name}: no measurement and no run has that field",
             f"{meant}fields: run, experiment, {', '.join((*DEFAULT_FIELDS, 'specimen', 'hole'))}, any other column, "
-            "and the keys of manifest and protocol",
+            "and the keys and sections of the protocol",
         )
     return rows["run"].astype(object).map(by_run)
 
@@ -135,7 +138,7 @@ def _name_value(field: str, value: str) -> str:
     if field == "gelatin_percent":
         return f"{value} % gelatin"
     value = str(int(value) + 1) if field in {"hole", "trial"} else value  # counted from 1
-    return value if field in {"needle_id", "run", "specimen"} else f"{field} {value}"
+    return value if field in {"needle_id", "run", "specimen"} else tell_key(field, value)
 
 
 def _find_blocks(rows: pd.DataFrame, runs: Sequence[Measured]) -> "pd.Series[Any]":

@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from labrig.analysis.statistics import compute_spread
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import ArmResult, read_values
+from labrig.campaign.statistics import ArmResult, read_values, spread_values
 from labrig.protocol.model import Interval
 from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg
-from labrig.report.formatting import label_quantity, name_settings, tell_value
+from labrig.report.formatting import label_key, label_quantity, name_settings
 from labrig.report.palette import Mark, mark
+from labrig.text import tell_value
 
 MOST_ARMS = 40
 """More of them are a carpet; the table has them."""
@@ -40,7 +40,8 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         axes = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
         known = read_values(table, result.measure)
         intervals = [arm.ci95 for arm in result.arms]
-        axes[0].set_xlim(choose_limits(known[~np.isnan(known)].tolist(), intervals))
+        drawn = [*known[~np.isnan(known)].tolist(), *([] if result.tolerance is None else [result.tolerance])]
+        axes[0].set_xlim(choose_limits(drawn, intervals))
         if result.tolerance is not None:
             axes[1].set_xlim(-3, 103)  # room for the caps at 0 and 100
         for place, arm in enumerate(result.arms):
@@ -99,11 +100,11 @@ def _draw_points(axes: Axes, table: pd.DataFrame, key: str, measure: str) -> Non
         table[key], table[measure], ".", color=mark(0).colour, markersize=3, alpha=0.35, rasterized=many
     )
     for part, rows in table.groupby(pd.cut(table[key], bins), observed=True):
-        spread = compute_spread(rows[measure].tolist())
+        spread = spread_values(rows[measure].tolist(), measure)
         if spread.mean is not None and spread.ci95 is not None:
             axes.plot([part.mid] * 2, spread.ci95, "-", color="#000000", linewidth=1.5)
             axes.plot(part.mid, spread.mean, "o", color="#000000", markersize=4)
-    axes.set_xlabel(_label_key(key))
+    axes.set_xlabel(label_key(key))
     axes.set_ylabel(label_quantity(measure))
     axes.grid(visible=True)
 
@@ -143,17 +144,10 @@ def draw_map(
             axes.add_patch(Circle((across, up), radius, fill=False, edgecolor="#000000", linewidth=1.4))
         if circles:
             axes.set_aspect("equal")
-        axes.set_xlabel(_label_key(keys[0]))
-        axes.set_ylabel(_label_key(keys[1]))
-        label = f"share with {label_quantity(result.measure)} at most {result.tolerance:g}"
-        figure.colorbar(mesh, ax=axes, label=label)
+        axes.set_xlabel(label_key(keys[0]))
+        axes.set_ylabel(label_key(keys[1]))
+        figure.colorbar(mesh, ax=axes, label=f"share within {tell_value(result.tolerance, result.measure)}")
         return svg(figure, name)
-
-
-def _label_key(key: str) -> str:
-    """Return the label of a key; of an entry of a list, that of the list with the entry's number."""
-    head, _, entry = key.rpartition(".")
-    return f"{label_quantity(head)}, {entry}" if entry.isdigit() else label_quantity(key)
 
 
 def _shorten(name: str) -> str:

@@ -1,11 +1,13 @@
 """The page of a campaign, its result as a document, and its figures, in the campaign's folder."""
 
+import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
 import pandas as pd
+from scipy.special import ndtri
 
 from labrig.campaign.figures import draw_arms, draw_map, draw_over_points
 from labrig.campaign.result import CampaignResult
@@ -19,11 +21,10 @@ from labrig.report.formatting import (
     name_settings,
     number,
     signed,
-    split_quantity,
-    tell_value,
 )
 from labrig.report.page import REPORT_FILE, tell_writing
 from labrig.report.page import write_page as write_document
+from labrig.text import split_key, split_quantity, tell_value
 
 RESULT_FILE = "result.json"
 TEMPLATE = Path(__file__).parent / "page.html.jinja"
@@ -53,11 +54,17 @@ def write_page(
             write_figure(folder, figure)
     write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
     bounded = {pair: pair.ci95 for pair in result.pairs if pair.ci95 is not None}
+    # What none of them exceeds by chance, with a probability of 95 %.
+    ranks, n = result.rank_correlations, sum(arm.n for arm in result.arms)
+    chance = float(ndtri(1.0 - 0.025 / max(1, len(ranks)))) / math.sqrt(max(1, n - 1))
     shown = {
         "content": result,
         "file": loaded.file,
         "measure": label_quantity(result.measure),
         "quantity": split_quantity(result.measure),
+        "chance": chance,
+        "clear": [key for key, rank in ranks.items() if abs(rank) > chance],
+        "made": loaded.describe(),
         "bounded": bounded,
         "apart": [pair for pair, (low, high) in bounded.items() if not low <= 0.0 <= high],
         "arms_figure": arms,
@@ -86,12 +93,14 @@ def _draw_maps(
 
 def _make_filters(result: CampaignResult) -> Mapping[str, object]:
     """Return filters that write numbers with as many decimals as the narrowest interval of a mean deserves."""
-    decimals = count_decimals((arm.ci95 for arm in result.arms), (arm.mean for arm in result.arms), 6)
+    decimals = max(2, count_decimals((arm.ci95 for arm in result.arms), (arm.mean for arm in result.arms), 6))
     return {
         "digits": lambda value: number(value, decimals),
         "plus": lambda value: signed(value, decimals),
         "with_unit": lambda value: tell_value(value, result.measure),
         "words": name_settings,
+        "in_words": lambda key: split_key(key)[0],
+        "with_key_unit": tell_value,
         "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
         "points": lambda value: "–" if value is None else signed(100 * value, 1),
     }

@@ -5,7 +5,7 @@ from typing import Literal
 
 import pandas as pd
 
-from labrig.campaign.statistics import ArmResult, PairResult, compare_arms, judge_arm
+from labrig.campaign.statistics import ArmResult, PairResult, compare_arms, correlate, judge_arm
 from labrig.campaign.tasks import LoadedCampaign, write_overrides
 from labrig.protocol.model import Model
 
@@ -33,8 +33,8 @@ class Failure(Model):
 class CampaignResult(Model):
     """What a campaign found.
 
-    `table` is the file of its rows. `ended` says whether all of its tasks are done, a rule ended it before, or
-    it can go on.
+    `rank_correlations` are Spearman's, of the measure with each sampled key. `table` is the file of its rows.
+    `ended` says whether all of its tasks are done, a rule ended it before, or it can go on.
     """
 
     schema_version: Literal[1] = 1
@@ -53,6 +53,7 @@ class CampaignResult(Model):
     ended: Literal["complete", "by_rule", "incomplete"]
     arms: tuple[ArmResult, ...]
     pairs: tuple[PairResult, ...]
+    rank_correlations: dict[str, float]
     worst: tuple[WorstCase, ...]
     failures: tuple[Failure, ...]
 
@@ -93,6 +94,7 @@ def make_result(
         ended="by_rule" if by_rule else "complete" if is_whole else "incomplete",
         arms=arms,
         pairs=compare_arms(table, names, by) if len(names) > 1 else (),
+        rank_correlations=correlate(table, campaign.sample.keys if campaign.sample else (), by),
         worst=_find_worst(loaded, table),
         failures=_count_failures(table),
     )

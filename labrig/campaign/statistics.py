@@ -6,7 +6,7 @@ same seed and point (common random numbers); with several arms their intervals h
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 
@@ -93,7 +93,7 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
     sound = table[table["error"].isna()]
     values = read_values(sound, by.quantity)
     known = values[~np.isnan(values)]
-    spread = _spread_values(known.tolist(), by)
+    spread = spread_values(known.tolist(), by.quantity)
     reached = None if by.tolerance is None else int((known <= by.tolerance).sum())
     return ArmResult(
         name=name,
@@ -110,10 +110,10 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
     )
 
 
-def _spread_values(values: Sequence[float], by: Criterion) -> Spread:
+def spread_values(values: Sequence[float], quantity: str) -> Spread:
     """Return the spread of values; the interval of a mean distance ends at 0, though Student's goes on."""
     spread = compute_spread(values)
-    if spread.ci95 is None or not by.quantity.endswith("error_mm") or min(values) < 0.0:
+    if spread.ci95 is None or not quantity.endswith("error_mm") or min(values) < 0.0:
         return spread
     return replace(spread, ci95=(max(0.0, spread.ci95[0]), spread.ci95[1]))
 
@@ -143,6 +143,14 @@ def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Criterion) -> tu
     """Return the difference of each further arm from the first one."""
     first, *others = names
     return tuple(_compare(table, first, other, by, len(others)) for other in others)
+
+
+def correlate(table: pd.DataFrame, keys: Iterable[str], by: Criterion) -> dict[str, float]:
+    """Return Spearman's rank correlation of the measure with each sampled key; none over fewer than ten values."""
+    found = table.assign(value=read_values(table, by.quantity))
+    known = found[found["error"].isna()].dropna(subset="value")
+    ranks = known[[*keys, "value"]].corr("spearman")["value"].drop("value").dropna()
+    return {str(key): float(rank) for key, rank in ranks.items() if len(known) >= _LEAST_FOR_QUANTILE}
 
 
 def _compare(table: pd.DataFrame, a: str, b: str, by: Criterion, pairs: int) -> PairResult:
@@ -187,5 +195,5 @@ def ends_by_rule(file: CampaignFile, by: Criterion, rows: Sequence[Mapping[str, 
         value = row.get(by.quantity)
         if row.get("error") is None and isinstance(value, int | float):
             arms[row["arm"]].append(value)
-    intervals = [_spread_values(values, by).ci95 for values in arms.values()]
+    intervals = [spread_values(values, by.quantity).ci95 for values in arms.values()]
     return all(ci95 and ci95[1] - ci95[0] <= file.stop_when.ci95_width_mm for ci95 in intervals)

@@ -122,7 +122,7 @@ def _require_same(path: Path, document: Mapping[str, object]) -> str:
         processor = kept.pop("processor", None)
     except (OSError, ValueError, AttributeError) as error:
         raise RecordError(f"{path} is damaged: {error}", _ELSEWHERE) from error
-    for key, there, here in find_differences(kept, document):
+    for key, (there, here) in find_differences(kept, document):
         raise InputError(
             f"{path.parent} holds another campaign: {key} is {there} there and {here} here",
             f"what decides the rows is fixed before the first of them: put it back as it was, or {_ELSEWHERE}",

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 from typer import Option
 
 from labrig.cli.options import CampaignArgument, WorkersOption
-from labrig.cli.output import print_json, print_line, print_table, say
-from labrig.text import format_count, interval, number
+from labrig.cli.output import print_headline, print_json, print_line, print_table
+from labrig.text import interval, number
 
 
 def campaign(
@@ -54,21 +54,15 @@ def campaign(
 
 
 def _print(campaign: Any) -> None:
-    from labrig.report.formatting import label_quantity, tell_value
-
     result = campaign.result
     rows = []
     for arm in result.arms:
         share = None if arm.share_ci95 is None else [100 * limit for limit in arm.share_ci95]
         percent = number(None if arm.share is None else 100 * arm.share, 1)
         mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.sd), number(arm.median))
-        tasks = f"{arm.tasks}, {arm.failed} failed" if arm.failed else arm.tasks
+        tasks = arm.tasks - arm.failed
         rows.append((arm.name, tasks, percent, interval(share, 1), *mean))
-    within = "" if result.tolerance is None else f", within {tell_value(result.tolerance, result.measure)}"
-    print_line(f"{result.campaign}: {label_quantity(result.measure)}{within}")
+    print_headline(campaign.report)
     heads = ("arm", "tasks", "within %", "95 %", "mean", "95 % of the mean", "SD", "median")
     print_table(heads, rows)
-    for failure in result.failures[:3]:
-        count = format_count(failure.tasks, "task")
-        say(f"note: {count} failed, task {failure.first} first: {failure.error}")
     print_line(f"table   {campaign.table}\nreport  {campaign.report}")

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from labrig.cli.options import RunsDirOption, RunsOrNoneArgument, WhereOption
-from labrig.cli.output import print_json, print_line, print_table, say
+from labrig.cli.output import print_headline, print_json, print_line, print_table, say
 from labrig.cli.progress import show_working
 from labrig.cli.several_runs import choose_runs
 from labrig.devices.clocks import SystemClock
@@ -29,8 +29,8 @@ def compare(
         list[str] | None,
         Option(
             metavar="FIELD",
-            help="Group by needle, gel, specimen, hole, run, another column, or a key of the protocol; repeatable. "
-            "Default: needle and gel.",
+            help="Group by needle, gel, specimen, hole, run, another column, or a key or section of the protocol; "
+            "repeatable. Default: needle and gel.",
         ),
     ] = None,
     runs_dir: RunsDirOption = None,
@@ -53,7 +53,7 @@ def compare(
     with show_working("comparing"):
         compared = compare_runs(measured, left_out, quantity=quantity, by=by or ())
         differing = differences(*(one.run for one in measured)) if len(measured) == 2 else ()
-        folder = _write(compared, out, differing)
+        folder = _write(compared, out, measured)
     document = {
         **compared.comparison.model_dump(mode="json"),
         "differences": [asdict(found) for found in differing] if len(measured) == 2 else None,
@@ -65,7 +65,7 @@ def compare(
     return failed[0] if failed else 0
 
 
-def _write(compared: Any, out: Path | None, differing: Sequence[Any]) -> Path:
+def _write(compared: Any, out: Path | None, measured: Sequence[Any]) -> Path:
     """Write the comparison into a new folder, or into `out`, and return the folder."""
     from labrig.record.output_folder import output_folder
     from labrig.report.comparison_page import write_comparison
@@ -74,21 +74,16 @@ def _write(compared: Any, out: Path | None, differing: Sequence[Any]) -> Path:
     what = re.sub(r"\W+", "-", compared.comparison.quantity)[:60]
     folder = out or find_in_lab(COMPARISONS) / f"{now:%Y%m%d-%H%M%S}-{what}"
     with output_folder(folder, force=False) as made:
-        write_comparison(made, compared, now, differing)
+        write_comparison(made, compared, now, measured)
     return folder
 
 
-_MOST_SHOWN = 20
 _GROUP_HEADS = ("group", "n", "mean", "SD", "95 % interval", "with shared errors")
-_PAIR_HEADS = ("a", "b", "a - b", "95 % interval", "p (Games-Howell)")
+_PAIR_HEADS = ("pair", "difference", "95 % interval", "p")
 
 
 def _print(document: Mapping[str, Any]) -> None:
-    from labrig.analysis.comparison import PROTOCOLS_DIFFER
-    from labrig.report.formatting import label_quantity
-
-    test = document["welch_anova"]
-    print_line(f"{label_quantity(document['quantity'])}; n counts {document['unit_of_analysis']}s")
+    print_headline(document["report"])
     groups = [
         [
             *(group[key] for key in ("name", "n", "mean", "sd")),
@@ -97,26 +92,19 @@ def _print(document: Mapping[str, Any]) -> None:
         ]
         for group in document["groups"]
     ]
-    print_table(_GROUP_HEADS, groups)
-    if test is not None:
-        freedom = f"{test['df_between']:g}, {test['df_within']:.2f}"
-        print_line(f"Welch's ANOVA  F({freedom}) = {test['f']:.3f}, p = {test['p']:.4g}")
+    if any(group["n"] > 1 for group in document["groups"]):
+        print_table(_GROUP_HEADS, groups)
     pairs = [
         [
-            *(pair[key] for key in ("a", "b", "difference")),
+            f"{pair['a']} - {pair['b']}",
+            pair["difference"],
             interval(pair["ci95"], 3),
             None if pair["p"] is None else f"{pair['p']:.4g}",
         ]
         for pair in document["pairs"]
     ]
-    if pairs:
+    if len(pairs) > 1:  # the headline tells a single one
         print_table(_PAIR_HEADS, pairs)
-    differing = [found for found in document["differences"] or () if found["section"] != "results"]
-    if differing:
-        print_table(("differs in", "", "a", "b"), [list(found.values()) for found in differing[:_MOST_SHOWN]])
-    if len(differing) > _MOST_SHOWN:
-        print_line(f"... and in {len(differing) - _MOST_SHOWN} more values: --json lists all")
     for sentence in document["warnings"]:
-        if not (differing and sentence.startswith(PROTOCOLS_DIFFER)):  # the table says it in full
-            say(f"note: {sentence}")
+        say(f"note: {sentence}")
     print_line(f"report  {document['report']}")

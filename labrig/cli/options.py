@@ -82,7 +82,7 @@ RigOption = Annotated[Path | None, Option(metavar="FILE", help=_RIG_HELP)]
 _RUNS_DIR_HELP = "Folder of the runs. Default: $LABRIG_RUNS_DIR, else data/runs of the lab folder."
 RunsDirOption = Annotated[Path | None, Option(metavar="DIR", help=_RUNS_DIR_HELP)]
 _WHERE_HELP = (
-    'Take the runs that fit, such as "gelatin_percent=13 and exit_status=success". '
+    'Take the runs that fit, whole, with all their gels, such as "gelatin_percent=13 and exit_status=success". '
     "Operators: = != < <= > >= ~ (contains), and, or, not, brackets."
 )
 WhereOption = Annotated[str | None, Option(metavar="CONDITION", help=_WHERE_HELP)]

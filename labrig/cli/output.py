@@ -1,5 +1,6 @@
 """Prints results and failures: a JSON document or text for people, and errors with their hints."""
 
+import html
 import json
 import math
 import re
@@ -10,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import asdict
+from pathlib import Path
 from types import NoneType
 from typing import IO, Any
 
@@ -199,6 +201,13 @@ def say_page(problems: Sequence[Problem]) -> None:
     say(f"see: labrig manual {page}")
 
 
+def print_headline(report: str | Path) -> None:
+    """Print the sentences in which a page says its result."""
+    text = Path(report).read_text(encoding="utf-8")
+    for sentence in re.findall(r'<p class="verdict">(.*?)</p>', text, re.DOTALL):
+        print_line(" ".join(html.unescape(re.sub(r"<[^>]*>", "", sentence)).split()))
+
+
 def print_problems(problems: Sequence[Problem], kind: str = "") -> None:
     """Print problems that are part of a result, and under each what to do."""
     for problem in problems:
@@ -223,15 +232,16 @@ def print_checks(checks: Sequence[Mapping[str, Any]]) -> int:
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     """Print a table of text, nothing with --json.
 
-    If the terminal is too narrow for it, print a block of `head: value` for each row.
+    If the terminal is too narrow for it, print it turned, a row for each head, or else so for each row alone.
     """
     cells = [[format_cell(value) for value in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
-    if sys.stdout.isatty() and sum(widths) + 2 * (len(widths) - 1) > shutil.get_terminal_size().columns:
-        for name, *others in cells:
-            print_line(f"{heads[0]}: {name}" if heads[0] else name)
-            known = [pair for pair in zip(heads[1:], others, strict=True) if pair[1] != _UNKNOWN]
-            print_line("  " + ", ".join(f"{head}: {cell}" for head, cell in known))
+    room = shutil.get_terminal_size().columns if sys.stdout.isatty() else math.inf
+    if len(heads) > 2 and sum(widths) + 2 * (len(widths) - 1) > room:
+        height = max(map(len, heads)) + sum(2 + max(map(len, row)) for row in cells)
+        for part in [cells] if height <= room else [[row] for row in cells]:
+            (first, *names), *turned = zip(heads, *part, strict=True)
+            print_table((first, *names), turned)
         return
     numeric = [bool(rows) and all(isinstance(row[i], _NUMBER) for row in rows) for i in range(len(heads))]
     columns = (f"{{:{'>' if right else '<'}{width}}}" for right, width in zip(numeric, widths, strict=True))

@@ -156,9 +156,9 @@ def _load_same_rig(run: Run, protocol: ExperimentProtocol, given: Path | None) -
     before, now = (
         each.model_dump(mode="json", exclude={_NOT_THE_RIG}) for each in (load_rig(run.rig_path), description)
     )
-    changed = [(f"{file} {key}", a, b) for key, a, b in find_differences(before, now)]
+    changed = [(f"{file} {key}", a, b) for key, (a, b) in find_differences(before, now)]
     hashes = {name: hash_file(path) for name, path in description.calibration_files().items()}
-    for name, a, b in find_differences(run.calibration_hashes, hashes):
+    for name, (a, b) in find_differences(run.calibration_hashes, hashes):
         changed.append((f"calibration {name}", f"SHA-256 {a}", b))
     if changed:
         hint = "a run continues with what it began with: restore that, or start a new run"

@@ -1,7 +1,6 @@
 """The page, the figure and the tables of a comparison, in a folder of their own."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -13,9 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labrig.analysis.comparison import ComparedRuns, Comparison, Group
+from labrig.analysis.engine import describe_installation
+from labrig.analysis.measurements import Measured
 from labrig.durable import write_atomically
-from labrig.record.difference import Difference
+from labrig.record.difference import list_conditions
 from labrig.record.json_lines import encode_document
+from labrig.record.layout import read_checksum
 from labrig.record.tables import encode_csv
 from labrig.report.figures import (
     SETTINGS,
@@ -25,9 +27,10 @@ from labrig.report.figures import (
     svg,
     write_figure,
 )
-from labrig.report.formatting import count_decimals, label_quantity, number, signed, split_quantity
+from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_quantity, number, signed
 from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
 from labrig.report.palette import mark
+from labrig.text import split_key, split_quantity, tell_value
 
 TABLE_FILES = ("measurements.csv", "measurements.json")
 DOCUMENT_FILE = "comparison.json"
@@ -38,11 +41,11 @@ _MOST_VECTORS = 300
 
 
 def write_comparison(
-    folder: Path, compared: ComparedRuns, created: datetime, differences: Sequence[Difference] = ()
+    folder: Path, compared: ComparedRuns, created: datetime, measured: Sequence[Measured]
 ) -> None:
     """Write report.html, comparison.json, measurements.csv and .json, and the figure as .svg and .pdf.
 
-    `differences` are those between two runs, which page and document tell.
+    `measured` are the runs, in the order of those that were used.
 
     Raises
     ------
@@ -56,9 +59,7 @@ def write_comparison(
     write_atomically(folder / TABLE_FILES[0], encode_csv(tidy))
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
-    differing = [asdict(found) for found in differences if found.section != "results"]
-    document = {**content.model_dump(mode="json"), "differences": differing}
-    write_atomically(folder / DOCUMENT_FILE, encode_document(document))
+    write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
     is_drawn = len(content.groups) <= MOST_GROUPS
     readings = {group.name: _find_reading_sd(group, content.quantity, table) for group in content.groups}
     figure = draw_groups(content, table, readings) if is_drawn else None
@@ -68,16 +69,26 @@ def write_comparison(
     decimals = count_decimals(
         (*(group.ci95 for group in content.groups), *widths), (group.mean for group in content.groups)
     )
+    used = {run.name: run.run for run in measured if run.about in content.used}
     shown = {
         "content": content,
         "quantity": split_quantity(content.quantity)[0],
         "colours": [mark(place).colour for place in range(len(content.groups))] if is_drawn else [],
         "figure": figure,
         "readings": readings,
-        "differences": differing,
+        "runs": used,
+        "conditions": [*list_conditions(*used.values())],
+        "gels": table.get("gelatin_percent", table["run"]).groupby(table["group"]).nunique().max(),
+        "code_here": describe_installation(),
         "written": tell_writing(created),
     }
-    filters = {"digits": partial(number, digits=decimals), "plus": partial(signed, digits=decimals)}
+    filters = {
+        "digits": partial(number, digits=max(2, decimals)),
+        "plus": partial(signed, digits=max(2, decimals)),
+        "checksum": read_checksum,
+        "in_words": lambda key: split_key(key)[0],
+        "with_unit": lambda value, key: UNKNOWN if value is None else tell_value(format_value(value), key),
+    }
     write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)
 
 

@@ -11,7 +11,8 @@ from jinja2 import Environment, StrictUndefined, Template, UndefinedError
 
 from labrig.record.events import ConditionMet, Continue, MarkBad, OperatorNote, Pause, Repeat, Skip, Undo
 from labrig.record.reader import Run
-from labrig.report.formatting import Rows, format_value, split_quantity
+from labrig.report.formatting import Rows, format_value
+from labrig.text import split_quantity
 
 Level = Literal["ERROR", "WARN", "INFO", "DEBUG"]
 

@@ -183,7 +183,8 @@ def draw_interval(
     """Draw an interval with caps, and with an arrow where it goes on beyond the limits of its axis."""
     limits, cap, arrows = (axes.get_ylim(), "_", "v^") if upright else (axes.get_xlim(), "|", "<>")
     inset = 0.02 * (limits[1] - limits[0])
-    shown = np.clip(ends, limits[0] + inset, limits[1] - inset)
+    inside = (np.array(ends) >= limits[0]) & (np.array(ends) <= limits[1])
+    shown = np.where(inside, ends, np.clip(ends, limits[0] + inset, limits[1] - inset))
     marks = (
         (at, cap, 8) if end == at else (at, arrow, 5)
         for end, at, arrow in zip(ends, shown, arrows, strict=True)

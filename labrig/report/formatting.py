@@ -1,10 +1,11 @@
 """Text of numbers, times and lists on the pages."""
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from markupsafe import Markup, escape
+
+from labrig.text import split_key, tell_key
 
 UNKNOWN = "–"
 _MINUS = "−"
@@ -43,50 +44,20 @@ def count_decimals(
     return min(max(1 - math.floor(math.log10(least or 1.0)), 0), most)
 
 
-_QUANTITIES = {
-    "true_target_error": "true error at the target",
-    "target_error": "error at the target",
-    "true_min_clearance": "true least clearance",
-    "min_clearance": "least clearance",
-    "mean_radius": "mean radius",
-    "reach": "reach",
-}
-_UNITS = {
-    "mm_s": "mm/s", "rad_s": "rad/s", "mm": "mm", "px": "px", "rad": "rad", "deg": "degrees", "s": "s", "percent": "%",
-}  # fmt: skip
-_WITH_UNIT = re.compile(rf"(.+?)_({'|'.join(_UNITS)})")
-
-
-def split_quantity(column: str) -> tuple[str, str | None]:
-    """Return what a column holds in words, and its unit; None without one: `radius_mm` is ("radius", "mm")."""
-    last = column.rpartition(".")[2]
-    parts = _WITH_UNIT.fullmatch(last)
-    name = parts[1] if parts else last
-    return _QUANTITIES.get(name, name.replace("_", " ")), _UNITS[parts[2]] if parts else None
+def label_key(key: str) -> str:
+    """Return a key of protocol or rig as the label of an axis."""
+    name, unit = split_key(key)
+    return name if unit is None else f"{name} ({unit})"
 
 
 def label_quantity(column: str) -> str:
     """Return a column as the label of an axis: `radius_mm` is "radius (mm)"."""
-    name, unit = split_quantity(column)
-    return name if unit is None else f"{name} ({unit})"
-
-
-def tell_value(value: float, column: str) -> str:
-    """Return a value with the unit of its column: 2 of `radius_mm` is "2 mm"."""
-    return f"{value:g} {split_quantity(column)[1] or ''}".rstrip()
+    return label_key(column.rpartition(".")[2])
 
 
 def name_settings(name: str) -> str:
     """Return `key=value, ...` in words: `replan_every_mm=5` is "replan every 5 mm"."""
-    return ", ".join(_name_setting(part) for part in name.split(", "))
-
-
-def _name_setting(part: str) -> str:
-    key, equals, value = part.partition("=")
-    if not equals:
-        return part
-    words, unit = split_quantity(key)
-    return f"{words} {value}{f' {unit}' if unit else ''}"
+    return ", ".join(tell_key(*part.split("=", 1)) if "=" in part else part for part in name.split(", "))
 
 
 def flatten(value: object, path: str = "") -> list[tuple[str, str]]:

@@ -98,7 +98,7 @@ def test_results_of_different_settings_are_told(tmp_path):
     b = write_measured_run(tmp_path, "b", {HARD: (28.1, 28.3)}, **other)
     compared = _compare(a, b).comparison
     told = " ".join(compared.warnings)
-    assert "window_start_mm is 4.0 in a; 6.0 in b" in told
+    assert "The settings of the runs differ in window start (4 mm in a; 6 mm in b)." in told
     assert "Result 1 of b has settings changed after the run: analysis.window_start_mm=6" in told
 
 
@@ -107,8 +107,8 @@ def test_what_the_protocols_say_otherwise_is_named(tmp_path):
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})
     other = "analysis: {window_start_mm: 6.0}\nnotes: other\n"
     b = write_measured_run(tmp_path, "b", {HARD: (28.1, 28.3)}, protocol=other)
-    told = [line for line in _compare(a, b).comparison.warnings if "protocols" in line]
-    assert told == ["The protocols of the runs differ in analysis.window_start_mm (6.0 in b)."]
+    told = [line for line in _compare(a, b).comparison.warnings if "settings" in line]
+    assert told == ["The settings of the runs differ in analysis window start (not stated in a; 6 mm in b)."]
 
 
 def test_the_interval_of_a_distance_begins_at_zero(tmp_path):

@@ -66,7 +66,7 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
     assert (result.failed, (tmp_path / "map-1.pdf").is_file()) == (2, True)
     assert not [
         text
-        for text in ("a process died", "Differences from ", "Map of b", "16 by sobol")
+        for text in ("a process died", "Differences from ", "Map of b", "16 by a Sobol sequence")
         if text not in page
     ]
     assert not [text for text in (HOSTILE, "<script>alert", "mathdefault") if text in page]

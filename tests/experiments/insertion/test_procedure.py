@@ -42,7 +42,7 @@ from labrig.runner.session import Session
 from labrig.steering.torsion import TorsionalLag
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.devices.rigs import large_rig
-from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, large_bench
+from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench, large_bench
 from tests.runner.test_pausing import Asks, require_identical
 
 Words = tuple[str, ...]
@@ -179,7 +179,7 @@ def test_a_measured_torsion_is_overshot_and_returned(tmp_path: Path) -> None:
     """The rotation axis goes past each angle by the lag at that depth and back; the withdrawal ends at the zero."""
     protocol = insertion("target.position_mm=[0,3,25]")
     torsion = TorsionalLag(lag_rad=0.1, lag_rad_per_mm=0.01, best_sd_rad=0.02, per_mm_sd_rad=0.0)
-    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
+    with open_certified_rig(tmp_path, protocol, EVEN, bench) as opened:
         opened.opened.rig.needle.certify_roll_zero(RollZero("N1", 0.0, 0.01, "before", torsion))
         _, run = opened.conduct(protocol)
     moves = [event for event in events(run, "move_done") if event["axis"] == "rotation"]
@@ -200,7 +200,7 @@ def test_a_measured_torsion_is_overshot_and_returned(tmp_path: Path) -> None:
 def test_axes_go_back_first_the_plan_is_shown_and_a_turn_waits_for_the_lag(tmp_path: Path) -> None:
     """Axes away from zero move there; a picture of the plan comes before the needle moves; a turn lasts the lag."""
     protocol = insertion("target.position_mm=[0,3,25]")
-    with open_certified_rig(tmp_path, protocol, (*EVEN, "axes.rotation.lag_s=2")) as opened:
+    with open_certified_rig(tmp_path, protocol, (*EVEN, "axes.rotation.lag_s=2"), bench) as opened:
         opened.session.move("linear", 3.0, 5.0)
         opened.session.move("insertion", 0.4, 1.0)
         rig, shown = opened.opened.rig, []
@@ -355,7 +355,7 @@ class MissesOnce:
 def test_a_wrongly_clicked_target_ends_its_insertion_and_not_the_run(tmp_path: Path) -> None:
     """The other insertion is made, every start has its stop, the run has failed for that reason, and is measured."""
     protocol = insertion("target={ask: true}", "specimen.width_mm=20", "repetitions=2")
-    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-3,25]")) as opened:
+    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-3,25]"), bench) as opened:
         opened.opened.rig.operator = MissesOnce(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
     assert isinstance(outcome.error, TrialsFailedError)
@@ -370,7 +370,7 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
     """The axes stop at the next step, nothing is withdrawn, the needle goes on, and the replay is identical."""
     asks = AsksInTissue("in_tissue")
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, FROM_THE_BEGINNING)
-    with large_bench(tmp_path, protocol, EVEN) as opened:
+    with bench(tmp_path, protocol, EVEN) as opened:
         rig = opened.opened.rig
         session = Session(rig, opened.recorder, Told(), Dialogue(asks))
         outcome = conduct(find_experiment("insertion"), protocol, session)

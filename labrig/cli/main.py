@@ -4,11 +4,12 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import copy_context
-from functools import wraps
+from functools import cache, wraps
 from itertools import takewhile
 from typing import Annotated, Any
 
 import typer
+from typer.main import get_command
 
 from labrig.cli import (
     calibrate,
@@ -187,9 +188,15 @@ def _run_command(arguments: Sequence[str], app: typer.Typer) -> int:
     return failure.exit_code
 
 
+@cache
+def _make_parser(app: typer.Typer) -> Callable[..., object]:
+    """Return what parses and calls commands; an app would make it anew each time, from every signature."""
+    return get_command(app)
+
+
 def _invoke(app: typer.Typer, arguments: Sequence[str]) -> int:
     try:
-        status = app(args=complete_live(arguments) or ["--help"], prog_name="labrig", standalone_mode=False)
+        status = _make_parser(app)(complete_live(arguments) or ["--help"], "labrig", standalone_mode=False)
     except typer.Exit as leaving:
         return leaving.exit_code
     except SystemExit:

@@ -215,7 +215,7 @@ def draw_steerability_figure(series: Sequence[GelSeries], design: Design, name: 
 def _draw_paths(axes: Axes, series: Sequence[GelSeries], design: Design) -> None:
     for gel in series:
         for path in gel.paths_mm:
-            axes.plot(path[:, 1], path[:, 0], color=gel.mark.colour, linewidth=1.1, alpha=0.7)
+            axes.plot(path[:, 1], path[:, 0], color=gel.mark.colour, linewidth=0.9)
         axes.plot([], [], color=gel.mark.colour, linewidth=2, label=gel.label)
     angle = np.linspace(0.0, design.length_mm / design.radius_mm, 80)
     sideways_mm = design.side * design.radius_mm * (1.0 - np.cos(angle))

@@ -29,7 +29,7 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
     """
     outer_mm, knuckle_mm = hinge.tube.outer_diameter_mm / 2, hinge.knuckle_radius_mm
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 4.4), layout="constrained")
+        figure = Figure(figsize=(9.6, 3.8), layout="constrained")
         along, across, detail = figure.subplots(1, 3, width_ratios=(1, 1, 1.8))
         for axes, links, title in (
             (along, hinge.links, "Hinge a: pin towards you"),
@@ -39,12 +39,13 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
             _draw_links(axes, links)
             axes.set_title(title)
             axes.set_xlabel("across the needle (mm)")
-        along.set_ylabel("along the needle (mm)")
+        for axes in (along, detail):
+            axes.set_ylabel("along the needle (mm)")
         for axes in (along, across):
-            axes.set_xlim(-1.3 * outer_mm, 1.3 * outer_mm)
+            axes.set_xlim(-1.2 * outer_mm, 2.0 * outer_mm)
             axes.set_ylim(-2.2 * outer_mm, 2.2 * outer_mm)
-            axes.text(0.0, 1.7 * outer_mm, "socket", ha="center", fontsize=8.5)
-            axes.text(0.0, -1.8 * outer_mm, "knuckle", ha="center", fontsize=8.5)
+            axes.text(1.1 * outer_mm, 1.7 * outer_mm, "socket", fontsize=8.5)
+            axes.text(1.1 * outer_mm, -1.8 * outer_mm, "knuckle", fontsize=8.5)
         along.plot(0.0, 0.0, "+", color=_PAPER, markersize=9)
         rim_mm = knuckle_mm * np.array((math.cos(math.radians(50.0)), math.sin(math.radians(50.0))))
         along.annotate("", rim_mm, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": _PAPER})

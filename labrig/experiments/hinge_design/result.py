@@ -120,8 +120,8 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
         yield f"There is nothing to cut {wanted}: {search.reason}."
     if study.is_table_1:
         yield (
-            f"Table I prints {TABLE_1.beta_cut_deg} degrees; equation (3) solved for it gives "
-            f"{number(study.beta_cut_deg, 2)}, and the text does not say why."
+            f"Table I of the paper has {TABLE_1.beta_cut_deg} degrees, where its equation (3) gives "
+            f"{number(study.beta_cut_deg, 2)}; the paper does not say why."
         )
     if study.measured is not None:
         measured = study.measured

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult, CentreLines, load_centre_lines
+from labrig.analysis.statistics import compare_pairs
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult, SpecimenResult
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import draw_picture
@@ -36,6 +37,8 @@ def make_curvature_page(
     lines = load_centre_lines(result.path)
     plane = load_plane_map(run)
     gels = _list_gels(content, lines)
+    ranked = sorted((own for _, own in gels if len(own.radii_mm) > 1), key=lambda own: own.mean_mm or 0.0)
+    pairs = compare_pairs([own.radii_mm for own in ranked])
     shown = [
         measurement
         for measurement in content.measurements
@@ -47,6 +50,7 @@ def make_curvature_page(
         plane,
         {
             "gels": gels,
+            "widest": (ranked[0], ranked[-1], pairs[0, len(ranked) - 1].p) if pairs else None,
             "budgets": {
                 "Radius": [measurement.radius_budget_mm for measurement in shown if measurement.accepted],
                 "Needle's tip": [measurement.tip_budget_mm for measurement in shown],

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from labrig.steering.parameters import PlanMethod
 from labrig.steering.problem import PlanProblem, Point, Surroundings
 from labrig.steering.refusal import explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
-from labrig.steering.score import find_worst_miss_and_gap
+from labrig.steering.score import find_worst_miss_and_gap, pick_best_feasible
 
 Effort = Literal["quick", "closer", "thorough"]
 """How long a search without a path goes on: as long as a moving needle can wait, without mending, or to its end."""
@@ -83,6 +83,7 @@ def plan_path(
     method: PlanMethod = "best",
     effort: Effort = "thorough",
     present: FloatArray | None = None,
+    rounds: int = 1,
 ) -> Plan:
     """Return the first path to the target that is found, or the reason why there is none.
 
@@ -99,14 +100,18 @@ def plan_path(
     present : (n, 2) array, optional
         The path that the needle follows, from the problem's start, columns (theta, delta). Mended, it is compared with
         those that are found: a quick search finds paths of few arcs only.
+    rounds : int
+        Of "best". Up to this round a better path than the first is sought.
     """
     around = Surroundings(problem)
     reason = find_refusal(around)
     if reason is not None:
         return Plan(found=False, reason=reason)
     known = [] if present is None else [mend_paths(present[None], around, _MENDING_STEPS)]
-    found = (psi for psi in _search_in_rounds(around, known, method, effort) if psi is not None)
-    best = next(found, None)
+    search = _search_in_rounds(around, known, method, effort)
+    found = [psi for psi in islice(search, rounds) if psi is not None]
+    cheapest = found if len(found) < 2 else [pick_best_feasible([psi[None] for psi in found], around)]
+    best = next((psi for psi in chain(cheapest, search) if psi is not None), None)
     if best is not None and _is_worth_making(best, around):
         return make_plan(best, around)
     if np.linalg.norm(around.target_mm) <= problem.tolerance_mm:

@@ -266,6 +266,23 @@ def test_the_side_with_room_is_taken():
     assert first.roll_rad == pytest.approx(0.0)
 
 
+def test_further_rounds_find_a_cheaper_path() -> None:
+    """Between two obstacles, for a needle that may lean by 50 degrees."""
+    obstacles, lean_rad = (Obstacle((0.0, 1.2, 29.2), 8.0), Obstacle((0.0, 10.9, 68.7), 8.0)), np.radians(50)
+    problem = PlanProblem(
+        (0.0, 13.5, 96.7),
+        obstacles,
+        planar=True,
+        cavity_mm=8.0,
+        axis=(0.0, 0.0, 1.0),
+        max_off_axis_rad=lean_rad,
+    )
+    first, better = (plan_path(problem, rounds=rounds).psi for rounds in (1, 6))
+    assert not np.array_equal(first, better)
+    cheaper = pick_best_feasible([first[None], better[None]], Surroundings(problem))
+    np.testing.assert_array_equal(cheaper, better)
+
+
 def test_the_present_path_is_mended_and_compared():
     """A needle that strayed in a narrow tunnel gets a path by a quick search that knows its present path."""
     tunnel = draw_tunnel(np.random.default_rng(1), spare_mm=0.15)

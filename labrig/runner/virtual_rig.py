@@ -131,12 +131,9 @@ class VirtualRig(RigCalls):
         self._period_s = 1.0 / description.recording.state_rate_hz
         self._turned_at_mm = self._rotation_rad = 0.0
 
-    def _positions(self) -> dict[str, float]:
-        now_s = self.clock.now_s()
-        return {name: axis.at(now_s) for name, axis in self._axes.items()}
-
     def _move_world(self) -> dict[str, float]:
-        here = self._positions()
+        now_s = self.clock.now_s()
+        here = {name: axis.at(now_s) for name, axis in self._axes.items()}
         self.world.advance(here["insertion"], here["rotation"], here["linear"])
         if here["rotation"] != self._rotation_rad:
             self._rotation_rad, self._turned_at_mm = here["rotation"], here["insertion"]

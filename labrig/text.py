@@ -70,9 +70,11 @@ def split_key(key: str) -> tuple[str, str | None]:
     *above, last = key.split(".")
     place = int(last) if above and last.isdigit() else None
     name, unit = split_quantity(last if place is None else above.pop())
-    words = f"{above[-1].replace('_', ' ')} {name}" if above else name
-    entry = "" if place is None else f" {'xyz'[place] if place < 3 else place + 1}"
-    return _QUANTITIES.get(words, words) + entry, unit
+    row = above.pop() if len(above) > 1 and not above[-1].isidentifier() else ""
+    section, its_unit = split_quantity(above[-1]) if above else ("", None)
+    words = f"{section}{f' {int(row) + 1}:' if row.isdigit() else ''} {name}".lstrip()
+    entry = "" if place is None else f" {'xyz'[place] if 'position' in name else place + 1}"
+    return _QUANTITIES.get(words, words) + entry, unit or its_unit
 
 
 def tell_value(value: object, key: str) -> str:

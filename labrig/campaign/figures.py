@@ -13,7 +13,7 @@ from labrig.campaign.result import CampaignResult
 from labrig.campaign.statistics import ArmResult, read_values, spread_values
 from labrig.protocol.model import Interval
 from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg
-from labrig.report.formatting import label_key, label_quantity, name_settings
+from labrig.report.formatting import label_key, name_settings
 from labrig.report.palette import Mark, mark
 from labrig.text import tell_value
 
@@ -49,7 +49,7 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
             _draw_arm(axes, place, arm, values.tolist())
         axes[0].set_yticks(range(len(result.arms)), [_shorten(arm.name) for arm in result.arms])
         axes[0].set_ylim(len(result.arms) - 0.5, -0.5)
-        axes[0].set_xlabel(label_quantity(result.measure))
+        axes[0].set_xlabel(label_key(result.measure))
         if result.tolerance is not None:
             axes[0].axvline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
             axes[1].tick_params(labelleft=True)  # below one another, each panel needs its own names
@@ -105,7 +105,7 @@ def _draw_points(axes: Axes, table: pd.DataFrame, key: str, measure: str) -> Non
             axes.plot([part.mid] * 2, spread.ci95, "-", color="#000000", linewidth=1.5)
             axes.plot(part.mid, spread.mean, "o", color="#000000", markersize=4)
     axes.set_xlabel(label_key(key))
-    axes.set_ylabel(label_quantity(measure))
+    axes.set_ylabel(label_key(measure))
     axes.grid(visible=True)
 
 

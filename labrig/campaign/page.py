@@ -17,7 +17,7 @@ from labrig.record.json_lines import encode_document
 from labrig.report.figures import DrawnFigure, write_figure
 from labrig.report.formatting import (
     count_decimals,
-    label_quantity,
+    label_key,
     name_settings,
     number,
     signed,
@@ -60,7 +60,7 @@ def write_page(
     shown = {
         "content": result,
         "file": loaded.file,
-        "measure": label_quantity(result.measure),
+        "measure": label_key(result.measure),
         "quantity": split_quantity(result.measure),
         "chance": chance,
         "clear": [key for key, rank in ranks.items() if abs(rank) > chance],

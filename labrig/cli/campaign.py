@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from labrig.cli.options import CampaignArgument, WorkersOption
-from labrig.cli.output import print_headline, print_json, print_line, print_table
+from labrig.cli.output import print_json, print_line, print_table, say_result
 from labrig.text import interval, number
 
 
@@ -62,7 +62,7 @@ def _print(campaign: Any) -> None:
         mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.sd), number(arm.median))
         tasks = arm.tasks - arm.failed
         rows.append((arm.name, tasks, percent, interval(share, 1), *mean))
-    print_headline(campaign.report)
+    say_result(campaign.report)
     heads = ("arm", "tasks", "within %", "95 %", "mean", "95 % of the mean", "SD", "median")
     print_table(heads, rows)
     print_line(f"table   {campaign.table}\nreport  {campaign.report}")

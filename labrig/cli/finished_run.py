@@ -3,7 +3,15 @@
 import shlex
 
 from labrig.analysis.result import Summary, TextTable
-from labrig.cli.output import failure_document, print_json, print_line, print_table, say, say_failure
+from labrig.cli.output import (
+    failure_document,
+    print_json,
+    print_line,
+    print_table,
+    say,
+    say_failure,
+    say_result,
+)
 from labrig.devices.needle_location import NeedleLocation
 from labrig.errors import OperatorDeclinedError
 from labrig.record.layout import FRAME_LINES, read_checksum
@@ -40,6 +48,8 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
     })  # fmt: skip
     if result is not None and experiment is not None:
         print_summary(experiment.part("summarise")(result))
+        if finished.report is not None:
+            say_result(finished.report)
         print_line(f"record  {finished.path}\nreport  {finished.report}")
     if checksum is not None:
         what = "write it in your notebook; it is the SHA-256 of the run's SHA256SUMS"

@@ -201,7 +201,7 @@ def say_page(problems: Sequence[Problem]) -> None:
     say(f"see: labrig manual {page}")
 
 
-def print_headline(report: str | Path) -> None:
+def say_result(report: str | Path) -> None:
     """Print the sentences in which a page says its result."""
     text = Path(report).read_text(encoding="utf-8")
     for sentence in re.findall(r'<p class="verdict">(.*?)</p>', text, re.DOTALL):
@@ -247,7 +247,8 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     columns = (f"{{:{'>' if right else '<'}{width}}}" for right, width in zip(numeric, widths, strict=True))
     line = "  ".join(columns)
     if not SPEAKS_JSON.get():  # one call: there may be thousands of rows
-        typer.echo("\n".join(line.format(*row).rstrip() for row in (heads, *cells)))
+        text = "\n".join(line.format(*row).rstrip() for row in (heads, *cells))
+        typer.echo(text if room == math.inf else _wrap(text, sys.stdout, 2))
 
 
 def format_cell(value: object) -> str:

@@ -72,7 +72,7 @@ def _show(path: Path, outcome: Any) -> Row:
     from labrig.analysis.result import list_quantities, list_values
     from labrig.experiments.registry import load_run_result
     from labrig.record.reader import open_run
-    from labrig.report.formatting import label_quantity
+    from labrig.report.formatting import label_key
 
     if isinstance(outcome, LabrigError):
         raise outcome
@@ -92,7 +92,7 @@ def _show(path: Path, outcome: Any) -> Row:
     before, now = {} if old is None else list_values(old.content), list_values(outcome.content)
     of_the_run = list_quantities(outcome.content)
     rows = [
-        [label_quantity(name), before.get(name), value]
+        [label_key(name), before.get(name), value]
         for name, value in now.items()
         if name in of_the_run or before.get(name, value) != value
     ]

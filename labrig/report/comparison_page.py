@@ -27,7 +27,7 @@ from labrig.report.figures import (
     svg,
     write_figure,
 )
-from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_quantity, number, signed
+from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_key, number, signed
 from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
 from labrig.report.palette import mark
 from labrig.text import split_key, split_quantity, tell_value
@@ -117,7 +117,7 @@ def draw_groups(
         names = [name if len(name) <= 32 else f"{name[:29]}..." for name in (group.name for group in groups)]
         axes.set_yticks(range(len(groups)), names)
         axes.set_ylim(len(groups) - 0.5, -0.6)
-        axes.set_xlabel(label_quantity(comparison.quantity))
+        axes.set_xlabel(label_key(comparison.quantity))
         axes.grid(visible=True, axis="x")
         return svg(figure, "groups")
 

@@ -50,11 +50,6 @@ def label_key(key: str) -> str:
     return name if unit is None else f"{name} ({unit})"
 
 
-def label_quantity(column: str) -> str:
-    """Return a column as the label of an axis: `radius_mm` is "radius (mm)"."""
-    return label_key(column.rpartition(".")[2])
-
-
 def name_settings(name: str) -> str:
     """Return `key=value, ...` in words: `replan_every_mm=5` is "replan every 5 mm"."""
     return ", ".join(tell_key(*part.split("=", 1)) if "=" in part else part for part in name.split(", "))

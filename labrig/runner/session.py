@@ -97,7 +97,7 @@ class TrialRun(Generic[_T]):
         if isinstance(error, AnswerIsNoError) and fails:
             self._stop("failed", getattr(error, "reason", "refused"), error.message)
             dialogue.failed[self.number] = error
-            session.tell(f"trial {self.number} has failed: {error.message}")
+            session.tell(f"trial {self.number + 1} has failed: {error.message}")
         dialogue.attempt = None
         return fails or isinstance(error, _OtherTrialError)
 

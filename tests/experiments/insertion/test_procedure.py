@@ -360,7 +360,7 @@ def test_a_wrongly_clicked_target_ends_its_insertion_and_not_the_run(tmp_path: P
         outcome, run = opened.conduct(protocol)
     assert isinstance(outcome.error, TrialsFailedError)
     assert (outcome.exit_status, outcome.reason, outcome.error.exit_code) == ("failed", "no_target", 1)
-    assert "1 of 2 insertions failed; no_target: the target at y" in outcome.error.message
+    assert "1 of 2 insertions failed; no target: the target at y" in outcome.error.message
     assert list(run.trials["exit_status"]) == ["failed", "success"]
     first, second = analyse(run).insertions
     assert (first.stop, first.reached, second.reached) == ("no_target", False, True)

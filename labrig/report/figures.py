@@ -69,17 +69,18 @@ _PAPER: dict[str, Any] = {"fmt": "D", "color": "#666666", "mfc": "white", "marke
 
 
 class DrawnFigure(Markup):
-    """A figure as elements of a page, wide and narrow, and what it was drawn from, for a file of it."""
+    """A figure as elements of a page, wide and narrow; the wide one as a file, and what it was drawn from."""
 
     name: str
     figure: Figure
+    file: str
 
 
 def svg(figure: Figure, name: str) -> DrawnFigure:
     """Return the figure as elements of the page: as it is, and for narrow screens with its panels in one column."""
     width_in, height_in = figure.get_size_inches().tolist()
     panels = {axes: place for axes in figure.axes if (place := axes.get_subplotspec()) is not None}
-    wide = _draw_element(figure, name, "wide")
+    wide = _draw(figure)
     columns = max((place.get_gridspec().ncols for place in panels.values()), default=1)
     tall_in = height_in * columns
     if any(axes.get_aspect() != "auto" for axes in panels):
@@ -88,28 +89,34 @@ def svg(figure: Figure, name: str) -> DrawnFigure:
     column = figure.add_gridspec(len(panels), 1)
     for row, axes in enumerate(panels):
         axes.set_subplotspec(column[row])
-    narrow = _draw_element(figure, f"{name}-narrow", "slim")
+    narrow = _draw(figure)
     for axes, place in panels.items():
         axes.set_subplotspec(place)
     figure.set_size_inches(width_in, height_in)
+    told = _name_panels(figure)
     # Safe: drawn here from numbers and from text that matplotlib escapes.
-    drawn = DrawnFigure(wide + narrow)
-    drawn.name, drawn.figure = name, figure
+    drawn = DrawnFigure(
+        _make_element(wide, name, "wide", told) + _make_element(narrow, f"{name}-narrow", "slim", told)
+    )
+    drawn.name, drawn.figure, drawn.file = name, figure, wide
     return drawn
 
 
-def _draw_element(figure: Figure, name: str, look: str) -> str:
-    """Return the figure as an SVG element of this class; its identifiers are unique within the page."""
+def _draw(figure: Figure) -> str:
     buffer = io.StringIO()
     with mpl.rc_context(SETTINGS):
         # Not `savefig`, which draws everything twice, first into nothing.
         FigureCanvasSVG(figure).print_svg(buffer, metadata=_METADATA["svg"])  # type: ignore[no-untyped-call]
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
+    return buffer.getvalue()
+
+
+def _make_element(file: str, name: str, look: str, told: str) -> str:
+    """Return a drawn figure as an SVG element of this class; its identifiers are unique within the page."""
+    text = file[file.index("<svg") :]
     text = re.sub(r'\s+(xmlns(:\w+)?|version)="[^"]*"', "", text, count=3)
     text = re.sub(r'\s(?:width|height)="[\d.]+pt"', "", text, count=2)
     text = text.replace("xlink:href", "href").replace(
-        "<svg", f'<svg class="{look}" role="img" aria-label="{_name_panels(figure)}"', 1
+        "<svg", f'<svg class="{look}" role="img" aria-label="{told}"', 1
     )
     return re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
 
@@ -126,8 +133,8 @@ def _name_panels(figure: Figure) -> str:
 
 def write_figure(folder: Path, drawn: DrawnFigure) -> None:
     """Write a figure as NAME.svg and NAME.pdf, for a paper. Raises `DiskError`."""
-    for form in _METADATA:
-        write_image(folder / f"{drawn.name}.{form}", drawn.figure)
+    write_atomically(folder / f"{drawn.name}.svg", drawn.file.encode())
+    write_image(folder / f"{drawn.name}.pdf", drawn.figure)
 
 
 def write_image(path: Path, figure: Figure, **options: Any) -> None:

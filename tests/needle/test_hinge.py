@@ -12,7 +12,7 @@ from labrig.errors import InputError
 from labrig.needle.hinge import Hinge, HingeView, widest_clearance_mm
 from labrig.needle.rotation_search import interference_mm2, search_largest_rotation
 from labrig.protocol.design_file import PAPER_TUBE
-from tests.needle.no_fit import make_tube
+from tests.needle.no_fit import NoFit, make_tube
 
 PAPER = Hinge(PAPER_TUBE, 0.025, 4.13)
 
@@ -83,10 +83,8 @@ def test_a_hinge_that_cannot_be_cut_is_refused(
 
 
 def test_two_sections_decide_hinge_b() -> None:
-    """Thirty sections more change the rotation of hinge b by less than 0.005 degrees."""
+    """With thirty sections more, which can only stop it earlier, hinge b still turns to within 0.005 degrees."""
     view = PAPER.hinge_b()
     depths_mm = np.linspace(0.001, 0.59, 30)
     denser = HingeView((*view.sections, *(PAPER.section(float(depth)) for depth in depths_mm)), view.box)
-    assert search_largest_rotation(denser).rotation_deg == pytest.approx(
-        search_largest_rotation(view).rotation_deg, abs=0.005
-    )
+    assert NoFit(denser).is_free(search_largest_rotation(view).rotation_deg - 0.005)

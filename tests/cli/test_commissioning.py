@@ -256,6 +256,7 @@ def test_a_run_of_another_process_is_stopped_by_a_signal(labrig: Labrig, tmp_pat
     text = RIG.read_text(encoding="utf-8").replace("state_file: null ", "state_file: sim.state.json ")
     rig.write_text(text.replace("template: simulated-tip.png", "template: null"), encoding="utf-8")
     command = [*sweep_command(rig, tmp_path), *set_options(*CALIBRATED_SMALL_CAMERA)]
+    command += ["--set", "insertions_per_specimen=6"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
         while not _in_tissue(tmp_path / "sim.state.json"):
             assert running.poll() is None

@@ -15,7 +15,7 @@ from tests.cli.conftest import RIG, ROOT, SWEEP, Done, Labrig
 from tests.installing import install_package
 
 EXAMPLE = ROOT / "labrig" / "manual" / "example"
-ON_RIG = (SWEEP, "--rig", RIG)
+ON_RIG = (SWEEP, "--rig", RIG, "--set", "insertions_per_specimen=1")
 DECLARATION = """
 from typing import Literal
 

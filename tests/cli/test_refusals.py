@@ -61,6 +61,8 @@ TIP = "measure tip run/frames/000003.png --px-per-mm 10 --origin-px 0 0 --insert
 REACH = f"campaign {ROOT}/protocols/campaign-reach.yaml"
 PLANE = "calibrate plane run/frames/000003.png --origin-px 3 4 --insertion right"
 
+FEW = "--set insertions_per_specimen=1"
+FOCUS = f"--rig focus/{RIG.name} {FEW}"
 LENS = f"rig.calibration.intrinsics={RIG.parent}/simulated-intrinsics.json"
 
 ROWS: list[tuple[str, int, str]] = [
@@ -72,7 +74,7 @@ ROWS: list[tuple[str, int, str]] = [
     ("run steerability", 2, "labrig init FOLDER"),
     (f"check {RIG}", 2, "this is a rig file, expected a protocol"),
     (f"check {SWEEP} --rig {SWEEP}", 2, "this is a protocol, expected a rig file"),
-    (f"run {SWEEP} --rig {RIG} --set rig.recording.least_free_mb=1e6 --set insertions_per_specimen=1", 3, "MB"),
+    (f"run {SWEEP} --rig {RIG} --set rig.recording.least_free_mb=1e6 {FEW}", 3, "MB"),
     ("measure curvature text.png --px-per-mm 5 --origin-px 10 10 --insertion right", 2, "text.png"),
     ("calibrate intrinsics a.png --board 9x6 --square-mm 25 --out taken.json", 2, "taken.json exists"),
     ("calibrate intrinsics a.png --board 999999999x999999999 --square-mm 2", 2, "from 3x3 to 99x99"),
@@ -81,12 +83,12 @@ ROWS: list[tuple[str, int, str]] = [
     ("plan pipe.yaml", 2, "a pipe"),
     ("report piped", 4, "is no run"),
     *((f"plan scenario-{name}.json", 2, words) for name, (_, _, words) in SCENARIOS.items()),
-    (f"run {SWEEP} --rig focus/{RIG.name}", 2, "simulated-intrinsics.json was made with camera.focus 12, it is 0 now"),
-    (f"run {SWEEP} --rig focus/{RIG.name} --set {LENS}", 2, "simulated-plane.json was made with camera.focus 12"),
-    (f"run {SWEEP} --rig focus/{RIG.name} --set rig.camera.focus=7", 2, "write camera.focus: 12 in the rig file, or"),
+    (f"run {SWEEP} {FOCUS}", 2, "simulated-intrinsics.json was made with camera.focus 12, it is 0 now"),
+    (f"run {SWEEP} {FOCUS} --set {LENS}", 2, "simulated-plane.json was made with camera.focus 12"),
+    (f"run {SWEEP} {FOCUS} --set rig.camera.focus=7", 2, "write camera.focus: 12 in the rig file, or"),
     (f"run {SWEEP} --rig {RIG} --set rig.calibration.mask=clamp.png", 2, "clamp.png does not exist"),
-    (f"run {SWEEP} --rig {RIG} --runs-dir . --run-name run", 2, "run exists already"),
-    (f"check {SWEEP} --rig focus/{RIG.name} --set rig.camera.focus=12", 0, ""),
+    (f"run {SWEEP} {FEW} --rig {RIG} --runs-dir . --run-name run", 2, "run exists already"),
+    (f"check {SWEEP} {FOCUS} --set rig.camera.focus=12", 0, ""),
     # options
     ("plan --figur x", 2, "see: labrig plan --help"),
     ("runs chek", 2, "see: labrig runs --help"),

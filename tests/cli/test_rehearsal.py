@@ -150,7 +150,7 @@ def test_a_steered_insertion_is_rehearsed_to_its_report(labrig: Labrig, rig: Pat
 def test_nobody_answers_for_a_person_who_is_not_there(labrig: Labrig, rig: Path, tmp_path: Path) -> None:
     """Without a terminal a rehearsal ends at its first question, as on a bench, and --yes changes nothing."""
     protocol = ROOT / "protocols" / "steerability.yaml"
-    patient = ("--set", "rig.can.heartbeat.timeout_ms=10000")
+    patient = ("--set", "rig.can.heartbeat.timeout_ms=10000", "--set", "insertions_per_specimen=1")
     done = labrig("run", protocol, "--rig", rig, "--runs-dir", tmp_path / "runs", "--yes", *patient)
     assert done.exit_code == 3
     assert "--yes answers only for a simulated rig without clock: real" in done.err

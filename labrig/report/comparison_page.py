@@ -111,7 +111,7 @@ def draw_groups(
             blocks = (
                 rows.groupby("block")["value"].mean() if comparison.unit_of_analysis == "specimen" else ()
             )
-            _draw_group(axes, place, group, rows["value"], blocks)
+            _draw_group(axes, place, group, rows["value"] if len(rows) > 1 else rows["value"][:0], blocks)
             if group.mean is not None and (sd := readings[group.name]) is not None:
                 axes.errorbar(group.mean, place, xerr=sd, fmt="none", color=mark(place).colour, capsize=3.5)
         names = [name if len(name) <= 32 else f"{name[:29]}..." for name in (group.name for group in groups)]

@@ -59,10 +59,9 @@ def _print(campaign: Any) -> None:
     for arm in result.arms:
         share = None if arm.share_ci95 is None else [100 * limit for limit in arm.share_ci95]
         percent = number(None if arm.share is None else 100 * arm.share, 1)
-        mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.sd), number(arm.median))
-        tasks = arm.tasks - arm.failed
-        rows.append((arm.name, tasks, percent, interval(share, 1), *mean))
+        mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.median))
+        rows.append((arm.name, arm.tasks - arm.failed, percent, interval(share, 1), *mean))
     say_result(campaign.report)
-    heads = ("arm", "tasks", "within %", "95 %", "mean", "95 % of the mean", "SD", "median")
-    print_table(heads, rows)
+    if len(rows) > 1:  # the result tells a single one
+        print_table(("arm", "n", "within %", "95 %", "mean", "95 %", "median"), rows)
     print_line(f"table   {campaign.table}\nreport  {campaign.report}")

@@ -46,7 +46,7 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
     [
         "origins.csv", "planned from where the sheath was found", "how far the estimate is off", "Clearance", "NIS",
         "Reached: the needle's end is <b>0",
-        r"In the plane it is <b>0\.\d\d ±\u00a00\.\d\d\u00a0mm</b> \(SD\) off, by the shaft in the final picture",
+        r"In the plane it is <b>0\.\d\d\u00a0±\u00a00\.\d\d\u00a0mm</b> \(SD\) off, by the shaft in the final picture",
         r"needle's end is <b>\d\.\d\d to \d\.\d\d\u00a0mm</b> from the target in space \(95\u00a0% interval\)",
         r"\(95\u00a0% interval\), where 2\u00a0mm are allowed", "true distance .* which is within the interval",
         r"The plane map is off by \d\.\d\d\u00a0mm at the target\. .* drawn in this map", "so it cancels",

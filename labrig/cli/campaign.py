@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from labrig.cli.options import CampaignArgument, WorkersOption
-from labrig.cli.output import print_json, print_line, print_table, say_result
+from labrig.cli.output import print_json, print_line, print_table, quote
 from labrig.text import interval, number
 
 
@@ -61,7 +61,7 @@ def _print(campaign: Any) -> None:
         percent = number(None if arm.share is None else 100 * arm.share, 1)
         mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.median))
         rows.append((arm.name, arm.tasks - arm.failed, percent, interval(share, 1), *mean))
-    say_result(campaign.report)
+    quote(campaign.report)
     if len(rows) > 1:  # the result tells a single one
         print_table(("arm", "n", "within %", "95 %", "mean", "95 %", "median"), rows)
     print_line(f"table   {campaign.table}\nreport  {campaign.report}")

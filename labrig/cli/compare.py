@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from labrig.cli.options import RunsDirOption, RunsOrNoneArgument, WhereOption
-from labrig.cli.output import print_json, print_line, print_table, say, say_result
+from labrig.cli.output import print_json, print_line, print_table, quote, say
 from labrig.cli.progress import show_working
 from labrig.cli.several_runs import choose_runs
 from labrig.devices.clocks import SystemClock
@@ -83,7 +83,7 @@ _PAIR_HEADS = ("pair", "difference", "95 % interval", "p")
 
 
 def _print(document: Mapping[str, Any]) -> None:
-    say_result(document["report"])
+    quote(document["report"])
     groups = [
         [
             *(group[key] for key in ("name", "n", "mean", "sd")),

@@ -3,15 +3,7 @@
 import shlex
 
 from labrig.analysis.result import Summary, TextTable
-from labrig.cli.output import (
-    failure_document,
-    print_json,
-    print_line,
-    print_table,
-    say,
-    say_failure,
-    say_result,
-)
+from labrig.cli.output import failure_document, print_json, print_line, print_table, quote, say, say_failure
 from labrig.devices.needle_location import NeedleLocation
 from labrig.errors import OperatorDeclinedError
 from labrig.record.layout import FRAME_LINES, read_checksum
@@ -46,10 +38,9 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
         "needle": None if needle is None else needle.document(),
         **({} if error is None else {"error": failure_document(error)}),
     })  # fmt: skip
-    if result is not None and experiment is not None:
+    if result is not None and experiment is not None and finished.report is not None:
         print_summary(experiment.part("summarise")(result))
-        if finished.report is not None:
-            say_result(finished.report)
+        quote(finished.report)
         print_line(f"record  {finished.path}\nreport  {finished.report}")
     if checksum is not None:
         what = "write it in your notebook; it is the SHA-256 of the run's SHA256SUMS"

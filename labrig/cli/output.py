@@ -201,7 +201,7 @@ def say_page(problems: Sequence[Problem]) -> None:
     say(f"see: labrig manual {page}")
 
 
-def say_result(report: str | Path) -> None:
+def quote(report: str | Path) -> None:
     """Print the sentences in which a page says its result."""
     text = Path(report).read_text(encoding="utf-8")
     for sentence in re.findall(r'<p class="verdict">(.*?)</p>', text, re.DOTALL):

@@ -77,10 +77,11 @@ class SearchBox:
 
 @dataclass(frozen=True)
 class HingeView:
-    """A hinge in the plane of bending: the sections that must stay free of interference, and the search box."""
+    """A hinge in the plane of bending: sections that must stay free of interference, search box, lie of its pin."""
 
     sections: tuple[LinkPair, ...]
     box: SearchBox
+    pin_in_plane: bool
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ class Hinge:
         play_mm = self.clearance_mm + self.pull_out_mm
         rotation_deg = self.beta_cut_deg + math.degrees(play_mm / (self.tube.outer_diameter_mm / 2))
         box = SearchBox(2 * rotation_deg, 2 * self.pull_out_mm, 2 * self.pull_out_mm)
-        return HingeView((self.links,), box)
+        return HingeView((self.links,), box, pin_in_plane=False)
 
     def hinge_b(self) -> HingeView:
         """Return the hinge whose pin lies in the plane of bending.
@@ -178,9 +179,9 @@ class Hinge:
         lever_mm = outer_mm + math.sqrt(outer_mm**2 - self.lip_half_width_mm**2)
         rotation_deg = math.degrees((self.clearance_mm + self.pull_out_mm) / lever_mm)
         lateral_mm = self.clearance_mm * outer_mm / self.knuckle_radius_mm
-        depths_mm = (0.0, self.lip_half_width_mm + _INSIDE_LIP_MM)
-        sections = tuple(self.section(depth_mm) for depth_mm in depths_mm)
-        return HingeView(sections, SearchBox(2 * rotation_deg, lateral_mm, 2 * self.pull_out_mm))
+        sections = tuple(map(self.section, (0.0, self.lip_half_width_mm + _INSIDE_LIP_MM)))
+        box = SearchBox(2 * rotation_deg, lateral_mm, 2 * self.pull_out_mm)
+        return HingeView(sections, box, pin_in_plane=True)
 
     def section(self, depth_mm: float) -> LinkPair:
         """Return both links in a plane parallel to the pin, at this distance from the needle's axis."""

@@ -74,11 +74,11 @@ def search_largest_rotation(view: HingeView, seed: int = DEFAULT_SEED) -> FreeRo
     AnswerIsNoError
         If the search does not settle.
     """
-    # Hinge b has a maximum at each end of its play along the pin. A search of the whole box ended at the lower, by a
-    # few hundredths of a degree, once in a hundred times. Each half holds one maximum, so both are searched.
+    # Hinge a has one maximum, with the socket aside of the middle. Hinge b has one at each end of its play along the
+    # pin: a search of its whole box ended at the lower, by a few hundredths of a degree, once in a hundred times.
     play_mm = view.box.lateral_mm
-    halves = [_search_between(view, lateral_mm, seed) for lateral_mm in ((-play_mm, 0.0), (0.0, play_mm))]
-    return max(halves, key=lambda found: found.rotation_deg)
+    halves = ((-play_mm, 0.0), (0.0, play_mm)) if view.pin_in_plane else ((0.0, play_mm),)
+    return max((_search_between(view, half, seed) for half in halves), key=lambda found: found.rotation_deg)
 
 
 def _search_between(view: HingeView, lateral_mm: tuple[float, float], seed: int) -> FreeRotation:
@@ -102,8 +102,7 @@ def _search_between(view: HingeView, lateral_mm: tuple[float, float], seed: int)
         raise AnswerIsNoError(
             f"the search for the largest rotation did not settle: {found.message}", "try another seed"
         )
-    rotation_deg, side_mm, axial_mm = (float(value) for value in found.x)
-    return FreeRotation(rotation_deg, side_mm, axial_mm)
+    return FreeRotation(*map(float, found.x))
 
 
 def interference_mm2(view: HingeView, poses: FloatArray) -> FloatArray:

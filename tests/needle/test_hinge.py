@@ -1,6 +1,7 @@
 """The contour of a hinge."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labrig.errors import InputError
-from labrig.needle.hinge import Hinge, HingeView, widest_clearance_mm
+from labrig.needle.hinge import Hinge, widest_clearance_mm
 from labrig.needle.rotation_search import interference_mm2, search_largest_rotation
 from labrig.protocol.design_file import PAPER_TUBE
 from tests.needle.no_fit import NoFit, make_tube
@@ -86,5 +87,6 @@ def test_two_sections_decide_hinge_b() -> None:
     """With thirty sections more, which can only stop it earlier, hinge b still turns to within 0.005 degrees."""
     view = PAPER.hinge_b()
     depths_mm = np.linspace(0.001, 0.59, 30)
-    denser = HingeView((*view.sections, *(PAPER.section(float(depth)) for depth in depths_mm)), view.box)
+    more = (PAPER.section(float(depth)) for depth in depths_mm)
+    denser = replace(view, sections=(*view.sections, *more))
     assert NoFit(denser).is_free(search_largest_rotation(view).rotation_deg - 0.005)

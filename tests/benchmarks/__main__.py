@@ -15,12 +15,10 @@ GROUPS = {
         "ruled-paper": "graph_paper.print_photographs",
         "curvature": "curvature.print_table",
         "coverage": "coverage.print_table",
-        "circles": "curvature.print_circles",
         "tip": "tip.print_table",
         "real-insertions": "real_insertions.print_table",
     },
     "steering": {
-        "hinge": "hinge.print_table",
         "planner": "planner.print_table",
         "estimator": "estimator.print_table",
         "closed-loop": "closed_loop.print_table",

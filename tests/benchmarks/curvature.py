@@ -22,7 +22,6 @@ from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, mea
 from labrig.vision.intrinsics import Intrinsics
 from tests.benchmarks.table import print_rows, read_count
 from tests.vision.renderer import Board, Camera, Gel, Needle, Photo, Sheet, turn_about
-from tests.vision.test_circle import CERTIFIED
 
 FloatArray = NDArray[np.float64]
 
@@ -59,16 +58,6 @@ def print_table() -> None:
         ["shaft and circle of a 1080p frame, ms", f"{_measure_time_ms():.1f}", "20"],
     ]
     print_rows(("figure", "measured", "limit"), rows)
-
-
-def print_circles() -> None:
-    """Print radius and largest relative difference of certified point sets from their solutions in sixty digits."""
-    rows = []
-    for name, (points, known) in CERTIFIED.items():
-        circle = fit_circle(points, robust=False)
-        off = float(np.abs(np.array([*circle.centre, circle.radius]) / known - 1.0).max())
-        rows.append([name, f"{circle.radius:.12g}", f"{off:.1e}", "1e-9"])
-    print_rows(("set", "radius", "off", "limit"), rows)
 
 
 def _measure_all() -> list[CurvatureMeasurement]:

@@ -4,13 +4,11 @@ import os
 import statistics
 import sys
 import tempfile
-import time
 from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 
 from labrig.lab import RUNS_DIR_VARIABLE
-from labrig.record.catalogue import list_runs
 from tests.benchmarks.table import measure, print_rows
 from tests.record.runs import STARTED
 
@@ -37,14 +35,10 @@ def print_start_up() -> None:
 
 
 def print_catalogue() -> None:
-    """Print the time to list and search 5,000 runs, with files cached: the commands, and the calls alone."""
+    """Print the time to list and search 5,000 runs, with files cached."""
     with tempfile.TemporaryDirectory() as folder:
         _make_runs(Path(folder))
         _print_times(LISTS, {RUNS_DIR_VARIABLE: folder})
-        for name, condition in (("list", None), ("search", SEARCH)):
-            started = time.perf_counter()
-            list_runs(Path(folder), condition)
-            print(f"the {name} alone: {1000 * (time.perf_counter() - started):.0f} ms")
 
 
 def _print_times(commands: Commands, variables: Mapping[str, str]) -> None:

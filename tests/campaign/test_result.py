@@ -18,7 +18,7 @@ from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.figures import draw_map
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
-from labrig.campaign.statistics import bound_share, compare_arms, ends_by_rule, judge_arm
+from labrig.campaign.statistics import bound_share, compare_arms, correlate, ends_by_rule, judge_arm
 from labrig.campaign.store import make_table
 from labrig.campaign.tasks import LoadedCampaign, Task, make_row
 from labrig.protocol.sections import Criterion
@@ -171,6 +171,13 @@ def test_without_values_there_are_no_figures_and_the_interval_of_a_share_is_wils
     assert (found.n, found.mean, found.ci95, found.share, found.share_ci95) == (0, None, None, None, None)
     assert bound_share(20, 20) == (pytest.approx(0.8389, abs=1e-4), 1.0)
     assert bound_share(0, 0) is None
+
+
+def test_the_rank_correlation_tells_which_sampled_key_matters() -> None:
+    """1 for a key with which the measure rises, however bent, and none from fewer than ten values."""
+    rows = table({"a": [0.1, 0.2, 0.5, 0.9, 1.0, 1.2, 1.3, 5.0, 7.0, 50.0]}).assign(steps=range(10))
+    assert correlate(rows, ("steps",), BY) == {"steps": pytest.approx(1.0)}
+    assert correlate(rows[:9], ("steps",), BY) == {}
 
 
 def test_differences_are_over_pairs_with_the_same_seed() -> None:

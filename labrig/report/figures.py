@@ -259,8 +259,7 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
             axes.errorbar(place + 0.32, *gel.paper_mm, **_PAPER)[2][0].set_linestyle((0, (2, 1.5)))
     axes.set_ymargin(0.2)
     axes.autoscale_view()
-    # An interval of two or three insertions may leave what is drawn: whole, it would squeeze all else to a point.
-    axes.autoscale(enable=False)
+    axes.set_ylim(choose_limits(axes.get_ylim(), [gel.ci95_mm for gel in series]))
     for place, gel in enumerate(series):
         if gel.mean_mm is not None:
             if gel.ci95_mm is not None:

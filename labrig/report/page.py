@@ -127,7 +127,7 @@ def write_report(
         "can_resume": can_resume,
         "written": tell_writing(created),
         "status": str(run.manifest.get("exit_status", INCOMPLETE)),
-        "world": _read_world(run),
+        "world": read_world(run),
         "is_simulated": not run.truth.empty or is_simulated(run.manifest),
         "annotations": annotations,
         "unreadable": unreadable,
@@ -174,7 +174,7 @@ def _read_annotations(run: Run) -> tuple[Annotations, str]:
         return Annotations(), error.message.replace(f"{run.path}/", "")
 
 
-def _read_world(run: Run) -> Mapping[str, Any]:
+def read_world(run: Run) -> Mapping[str, Any]:
     """Return what the rig file says of the simulated world; nothing on a real rig."""
     with suppress(FileFormatError):
         match None if run.rig_path is None else load_yaml_values(run.rig_path):

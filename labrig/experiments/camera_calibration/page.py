@@ -87,28 +87,19 @@ def _draw_grid(plane: PlaneMap) -> Iterator[tuple[str, str]]:
     """Yield the lines of the map over the picture, in both directions, the axes last."""
     width, height = plane.image_size or (1, 1)
     corners_mm = plane.to_mm(np.array(((0.0, 0.0), (width, 0.0), (0.0, height), (width, height))))
-    (low_y, low_z), (high_y, high_z) = corners_mm.min(axis=0), corners_mm.max(axis=0)
-    rows = [
-        (place, np.column_stack((np.full(41, place), np.linspace(low_z, high_z, 41))))
-        for place in _GRID_MM * np.arange(math.ceil(low_y / _GRID_MM), high_y / _GRID_MM)
+    across_mm = np.linspace(corners_mm.min(axis=0), corners_mm.max(axis=0), 41)
+    lines = [
+        (place, np.where(np.arange(2) == axis, place, across_mm))
+        for axis, (low, *_, high) in enumerate(across_mm.T / _GRID_MM)
+        for place in _GRID_MM * np.arange(math.ceil(low), high)
     ]
-    columns = [
-        (place, np.column_stack((np.linspace(low_y, high_y, 41), np.full(41, place))))
-        for place in _GRID_MM * np.arange(math.ceil(low_z / _GRID_MM), high_z / _GRID_MM)
-    ]
-    for place, line_mm in sorted(rows + columns, key=lambda line: line[0] == 0.0):
+    for place, line_mm in sorted(lines, key=lambda line: line[0] == 0.0):
         yield "found" if place == 0.0 else "shaft", polyline(plane.to_px(line_mm))
 
 
 def _name_axes(plane: PlaneMap) -> list[tuple[str, Pixel]]:
-    return [
-        (words, pixel(plane.to_px([place_mm])[0]))
-        for words, place_mm in (
-            ("origin", (1.0, 1.0)),
-            ("z", (1.0, 4.5 * _GRID_MM)),
-            ("y", (1.5 * _GRID_MM, 1.0)),
-        )
-    ]
+    places_mm = {"origin": (1.0, 1.0), "z": (1.0, 4.5 * _GRID_MM), "y": (1.5 * _GRID_MM, 1.0)}
+    return [(words, pixel(plane.to_px([place_mm])[0])) for words, place_mm in places_mm.items()]
 
 
 def _draw_coverage(content: CalibrationResult, needle_px: FloatArray | None) -> DrawnFigure | None:

@@ -19,8 +19,9 @@ from labrig.experiments.insertion.scene import Scene, make_films, read_scenes
 from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke
-from labrig.report.page import Page
+from labrig.report.page import Page, read_world
 from labrig.report.pictures import PLATE, Plate, map_path, photograph, polyline, scale_bar
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 
 __all__ = ["TEMPLATE", "make_films", "make_page"]
@@ -88,22 +89,34 @@ def _draw_insertion(
     final = trial.final_frame if panels or trial.final_frame is not None else _find_scene(run, trial)
     if final is not None and scene.start is not None:
         at_s = max(0.0, run.frame_lines[final].t_s - trial.start_t_s)
-        true_path_mm = map_path(trial.true_path_mm, (true_mm or trial.target_mm)[1:], trial.target_mm[1:])
+        moved_mm = true_mm if read_world(run).get("target_moves_mm") else None
+        # What the map is off at a target that has not moved, it is off along the true path too.
+        placed_mm = trial.target_mm if true_mm is None or moved_mm else true_mm
+        true_path_mm = map_path(trial.true_path_mm, placed_mm[1:], trial.target_mm[1:])
         strokes = (
             *scene.draw_places(),
             *scene.former,
             *scene.draw_line("former", scene.plan_mm),
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
             *scene.draw_line("true", true_path_mm),
-            *([] if trial.tip_mm is None else [scene.draw_ring("tip", trial.tip_mm, _RING_MM)]),
+            *([scene.draw_ring("true", moved_mm[1:], trial.tolerance_mm)] if moved_mm else ()),
+            *_draw_end(trial, scene),
         )
-        told = (
-            f"{trial.length_mm or 0.0:.1f} mm, {at_s:.0f} s",
-            "at the target" if trial.reached else "stopped",
-        )
-        panels += _draw_panel(run, final, strokes, plane, told)
+        title = f"{trial.length_mm or 0.0:.1f} mm, {at_s:.0f} s"
+        occasion = "at the target" if trial.reached else "stopped"
+        panels += _draw_panel(run, final, strokes, plane, (title, occasion))
     off_mm = None if true_mm is None else math.dist(true_mm[1:], trial.target_mm[1:])
     return ShownInsertion(trial, tuple(panels), figure, off_mm)
+
+
+def _draw_end(trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
+    """Yield the needle's end where it was measured, and a line to there from where it is seen, if that is elsewhere."""
+    if trial.tip_mm is not None:
+        end_mm, perspective = np.array(trial.tip_mm), Perspective.of(scene.plane)
+        if perspective is not None and trial.depth is not None and trial.depth.contradicts:
+            end_mm = end_mm + trial.depth.x_mm * perspective.find_slope(end_mm)
+            yield from scene.draw_line("sight", np.array((trial.tip_mm, end_mm)))
+        yield scene.draw_ring("tip", end_mm.tolist(), _RING_MM)
 
 
 def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:

@@ -37,7 +37,7 @@ def make_curvature_page(
     lines = load_centre_lines(result.path)
     plane = load_plane_map(run)
     gels = _list_gels(content, lines)
-    ranked = sorted((own for _, own in gels if len(own.radii_mm) > 1), key=lambda own: own.mean_mm or 0.0)
+    ranked = sorted((own for _, own in gels if len(own.radii_mm) > 1), key=lambda own: -(own.mean_mm or 0.0))
     pairs = compare_pairs([own.radii_mm for own in ranked])
     shown = [
         measurement
@@ -50,7 +50,7 @@ def make_curvature_page(
         plane,
         {
             "gels": gels,
-            "widest": (ranked[0], ranked[-1], pairs[0, len(ranked) - 1].p) if pairs else None,
+            "pairs": [(ranked[a], ranked[b], test) for (a, b), test in pairs.items()],
             "budgets": {
                 "Radius": [measurement.radius_budget_mm for measurement in shown if measurement.accepted],
                 "Needle's tip": [measurement.tip_budget_mm for measurement in shown],

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import ArmResult, read_values, spread_values
+from labrig.campaign.statistics import ArmResult, read_values
 from labrig.protocol.model import Interval
 from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg
 from labrig.report.formatting import label_key, name_settings
@@ -23,6 +23,8 @@ _MOST_PANELS = 6
 _BINS = 12
 _LEAST_IN_BIN = 5
 _MOST_VECTORS = 300
+_MOST_OF_MEDIAN = 10.0
+"""Values above this many medians would press all others to the lower edge: the axis is logarithmic."""
 _APART = 0.22
 """Of rows: the median stands above the mean and the values below it, not on it."""
 
@@ -47,7 +49,8 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         for place, arm in enumerate(result.arms):
             values = read_values(table[table["arm"] == arm.name], result.measure)
             _draw_arm(axes, place, arm, values.tolist())
-        axes[0].set_yticks(range(len(result.arms)), [_shorten(arm.name) for arm in result.arms])
+        names = [_shorten(arm.name) for arm in result.arms] if len(result.arms) > 1 else [""]
+        axes[0].set_yticks(range(len(names)), names)
         axes[0].set_ylim(len(result.arms) - 0.5, -0.5)
         axes[0].set_xlabel(label_key(result.measure))
         if result.tolerance is not None:
@@ -77,35 +80,40 @@ def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Int
     axes.plot(value, place, look.marker, color=look.colour, markersize=7)
 
 
-def draw_over_points(result: CampaignResult, table: pd.DataFrame, keys: Sequence[str]) -> DrawnFigure | None:
-    """Draw the measure over each sampled key, point by point, with the mean of each twelfth of the range."""
+def draw_over_points(
+    result: CampaignResult, table: pd.DataFrame, keys: Sequence[str], name: str
+) -> DrawnFigure | None:
+    """Draw the measure over sampled keys, point by point, with median and quartiles of each part of the range."""
     known = table[table["error"].isna() & ~np.isnan(read_values(table, result.measure))]
-    if known.empty:
-        return None
     shown = keys[:_MOST_PANELS]
+    if known.empty or not shown:
+        return None
     with mpl.rc_context(SETTINGS):
         rows = (len(shown) + 2) // 3
         figure = Figure(figsize=(9.6, 0.4 + 2.8 * rows), layout="constrained")
         panels = figure.subplots(rows, min(3, len(shown)), squeeze=False).ravel()
         for panel, key in zip(panels, shown, strict=False):
-            _draw_points(panel, known, key, result.measure)
+            _draw_points(panel, known, key, result)
         for panel in panels[len(shown) :]:
             panel.remove()
-        return svg(figure, "over-points")
+        return svg(figure, name)
 
 
-def _draw_points(axes: Axes, table: pd.DataFrame, key: str, measure: str) -> None:
-    many, bins = len(table) > _MOST_VECTORS, min(_BINS, max(1, len(table) // _LEAST_IN_BIN))
-    axes.plot(
-        table[key], table[measure], ".", color=mark(0).colour, markersize=3, alpha=0.35, rasterized=many
-    )
-    for part, rows in table.groupby(pd.cut(table[key], bins), observed=True):
-        spread = spread_values(rows[measure].tolist(), measure)
-        if spread.mean is not None and spread.ci95 is not None:
-            axes.plot([part.mid] * 2, spread.ci95, "-", color="#000000", linewidth=1.5)
-            axes.plot(part.mid, spread.mean, "o", color="#000000", markersize=4)
+def _draw_points(axes: Axes, table: pd.DataFrame, key: str, result: CampaignResult) -> None:
+    many, bins = len(table) > _MOST_VECTORS, min(_BINS, max(1, len(table) // (2 * _LEAST_IN_BIN)))
+    values = table[result.measure].astype(np.float64)
+    axes.plot(table[key], values, ".", color=mark(0).colour, markersize=4, alpha=0.5, rasterized=many)
+    for part, inside in values.groupby(pd.cut(table[key], bins), observed=True):
+        low, middle, high = inside.quantile([0.25, 0.5, 0.75])
+        axes.plot([part.mid] * 2, [low, high], "-", color="#000000", linewidth=1.5)
+        axes.plot(part.mid, middle, "o", color="#000000", markersize=4)
+    if values.min() > 0.0 and values.max() > _MOST_OF_MEDIAN * values.median():
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+    if result.tolerance is not None:
+        axes.axhline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
     axes.set_xlabel(label_key(key))
-    axes.set_ylabel(label_key(measure))
+    axes.set_ylabel(label_key(result.measure))
     axes.grid(visible=True)
 
 

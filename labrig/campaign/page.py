@@ -6,22 +6,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
 from labrig.campaign.figures import draw_arms, draw_map, draw_over_points
 from labrig.campaign.result import CampaignResult
+from labrig.campaign.statistics import count_ends, merge_ends, read_values
 from labrig.campaign.tasks import LoadedCampaign
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.report.figures import DrawnFigure, write_figure
-from labrig.report.formatting import (
-    count_decimals,
-    label_key,
-    name_settings,
-    number,
-    signed,
-)
+from labrig.report.formatting import count_decimals, label_key, name_settings, number, signed
 from labrig.report.page import REPORT_FILE, tell_writing
 from labrig.report.page import write_page as write_document
 from labrig.text import split_key, split_quantity, tell_value
@@ -46,28 +42,35 @@ def write_page(
         When one of them cannot be written.
     """
     drawn = () if loaded.file.sample is None else tuple(loaded.file.sample.keys)
-    arms, points = draw_arms(result, table), draw_over_points(result, table, drawn) if drawn else None
     circles = loaded.arms[0].protocol.find_map_circles(*drawn) if len(drawn) == 2 else ()
     maps = [*_draw_maps(result, table, drawn, circles)]
-    for figure in (arms, points, *(figure for _, figure in maps)):
-        if figure is not None:
-            write_figure(folder, figure)
     write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
     bounded = {pair: pair.ci95 for pair in result.pairs if pair.ci95 is not None}
     # What none of them exceeds by chance, with a probability of 95 %.
     ranks, n = result.rank_correlations, sum(arm.n for arm in result.arms)
     chance = float(ndtri(1.0 - 0.025 / max(1, len(ranks)))) / math.sqrt(max(1, n - 1))
+    clear = [key for key, rank in ranks.items() if abs(rank) > chance]
+    # The keys that the page speaks of are its first figure, unless that is a map or the arms.
+    ordered = sorted(drawn, key=lambda key: -abs(ranks.get(key, 0.0)))
+    first = 0 if maps or result.pairs else min(max(1, len(clear)), 3)
+    front = draw_over_points(result, table, ordered[:first], "over-first")
+    points = draw_over_points(result, table, ordered[first:], "over-points")
+    for figure in (arms := draw_arms(result, table), front, points, *(figure for _, figure in maps)):
+        if figure is not None:
+            write_figure(folder, figure)
     shown = {
         "content": result,
         "file": loaded.file,
         "measure": label_key(result.measure),
         "quantity": split_quantity(result.measure),
         "chance": chance,
-        "clear": [key for key, rank in ranks.items() if abs(rank) > chance],
+        "clear": clear,
         "made": loaded.describe(),
         "bounded": bounded,
         "apart": [pair for pair, (low, high) in bounded.items() if not low <= 0.0 <= high],
+        "without": count_ends(table[table["error"].isna() & np.isnan(read_values(table, result.measure))]),
         "arms_figure": arms,
+        "front_figure": front,
         "points_figure": points,
         "maps": maps,
         "circles": circles,
@@ -101,6 +104,7 @@ def _make_filters(result: CampaignResult) -> Mapping[str, object]:
         "words": name_settings,
         "in_words": lambda key: split_key(key)[0],
         "with_key_unit": tell_value,
+        "merged": merge_ends,
         "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
         "points": lambda value: "–" if value is None else signed(100 * value, 1),
     }

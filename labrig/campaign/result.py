@@ -101,11 +101,11 @@ def make_result(
 
 
 def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase, ...]:
-    """Return the tasks with the largest values, those without any first."""
+    """Return the tasks with the largest values, then those without any."""
     measure, sound = loaded.by.quantity, table[table["error"].isna()]
     if measure not in table.columns:
         return ()
-    ordered = sound.sort_values([measure, "task"], ascending=[False, True], na_position="first")
+    ordered = sound.sort_values([measure, "task"], ascending=[False, True])
     return tuple(
         WorstCase(
             task=row["task"],

@@ -9,12 +9,7 @@ import math
 from labrig.devices.check_result import CheckResult, passed
 from labrig.devices.drives.drive import HOMING_HERE
 from labrig.devices.homing import HOME_ORDER, ZEROS
-from labrig.devices.operator import (
-    ConfirmHere,
-    ConfirmMotion,
-    ConfirmNeedleOut,
-    OperatorRequest,
-)
+from labrig.devices.operator import ConfirmHere, ConfirmMotion, ConfirmNeedleOut, OperatorRequest
 from labrig.devices.rig import Rig
 from labrig.errors import InputError, SafetyStopError
 

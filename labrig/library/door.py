@@ -159,12 +159,7 @@ def check(
     return check_sources(Sources.of(protocol, rig, settings, seed), _find_runs_dir(runs_dir))
 
 
-def reanalyze(
-    run: AnyRun,
-    *,
-    settings: Sequence[str] = (),
-    attendant: Attendant = _SILENT,
-) -> AnyResult:
+def reanalyze(run: AnyRun, *, settings: Sequence[str] = (), attendant: Attendant = _SILENT) -> AnyResult:
     """Measure the pictures of a run again and write a new numbered result; the record stays as it is.
 
     Parameters
@@ -202,10 +197,7 @@ def reanalyze_runs(
 ) -> Generator[tuple[Path, AnyResult | LabrigError], None, None]:
     """Measure several runs at once, as `reanalyze` does, and yield each with its result as it comes, or its error."""
     title = f"measuring {format_count(len(runs), 'run')}"
-    with (
-        open_pool(workers, None, "analysed runs") as pool,
-        attendant.progress(title, 1.0) as progress,
-    ):
+    with open_pool(workers, None, "analysed runs") as pool, attendant.progress(title, 1.0) as progress:
         yield from analyze_runs(
             runs,
             find_run_experiment,
@@ -237,12 +229,7 @@ def replay(run: AnyRun, *, attendant: Attendant = _SILENT) -> Replay:
         return replay_run(opened, experiment, protocol, progress)
 
 
-def compare(
-    runs: Sequence[AnyRun],
-    *,
-    quantity: str | None = None,
-    by: Sequence[str] = (),
-) -> Comparison:
+def compare(runs: Sequence[AnyRun], *, quantity: str | None = None, by: Sequence[str] = ()) -> Comparison:
     """Compare the newest results of runs, group by group: means, intervals and tests.
 
     Parameters

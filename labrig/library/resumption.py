@@ -38,10 +38,7 @@ _NOT_THE_RIG = "faults"
 
 
 def resume_run(
-    path: Path,
-    rig: Path | None,
-    command_line: tuple[str, ...],
-    attendant: Attendant,
+    path: Path, rig: Path | None, command_line: tuple[str, ...], attendant: Attendant
 ) -> FinishedRun:
     """Make the remaining insertions of a run, measure it and write its report.
 
@@ -112,10 +109,7 @@ def _reopen_record(
     """Reopen the record of a run that is continued now: with which code, by which command, on which devices."""
     recorder = reopen_run(path, " ".join(("labrig", *command_line[1:])))
     recorder.begin_session(
-        started,
-        code_diff=collect_code_diff(),
-        provenance=collect_provenance(command_line),
-        devices=devices,
+        started, code_diff=collect_code_diff(), provenance=collect_provenance(command_line), devices=devices
     )
     return recorder
 

@@ -19,14 +19,7 @@ from labrig.record.difference import list_conditions
 from labrig.record.json_lines import encode_document
 from labrig.record.layout import read_checksum
 from labrig.record.tables import encode_csv
-from labrig.report.figures import (
-    SETTINGS,
-    DrawnFigure,
-    choose_limits,
-    draw_interval,
-    svg,
-    write_figure,
-)
+from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg, write_figure
 from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_key, number, signed
 from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
 from labrig.report.palette import mark

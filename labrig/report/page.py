@@ -30,15 +30,7 @@ from labrig.record.layout import INCOMPLETE, is_simulated
 from labrig.record.notes import Annotations
 from labrig.record.reader import Run
 from labrig.report.event_words import list_decisions
-from labrig.report.formatting import (
-    flatten,
-    format_time,
-    format_value,
-    interval,
-    mark_breaks,
-    number,
-    signed,
-)
+from labrig.report.formatting import flatten, format_time, format_value, interval, mark_breaks, number, signed
 from labrig.report.pictures import PLATE, photograph
 from labrig.text import format_count
 from labrig.vision.error_budget import ErrorBudget

@@ -325,11 +325,7 @@ def _make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blu
     camera = rrb.Spatial2DView(origin=CAMERA, name="Camera")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(
-                camera,
-                rrb.Horizontal(log, drives, column_shares=[3, 2]),
-                row_shares=[5, 3],
-            ),
+            rrb.Vertical(camera, rrb.Horizontal(log, drives, column_shares=[3, 2]), row_shares=[5, 3]),
             rrb.Vertical(*overviews, *curves, row_shares=[*(5 for _ in overviews), *(3 for _ in curves)]),
             column_shares=[3, 2],
         ),

@@ -18,7 +18,14 @@ from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.figures import draw_map
 from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
-from labrig.campaign.statistics import bound_share, compare_arms, correlate, ends_by_rule, judge_arm, merge_ends
+from labrig.campaign.statistics import (
+    bound_share,
+    compare_arms,
+    correlate,
+    ends_by_rule,
+    judge_arm,
+    merge_ends,
+)
 from labrig.campaign.store import make_table
 from labrig.campaign.tasks import LoadedCampaign, Task, make_row
 from labrig.protocol.sections import Criterion
@@ -154,7 +161,7 @@ def table(values: "dict[str, list[float | None]]", failed: int = 0) -> pd.DataFr
 
 
 def test_an_arm_has_mean_share_and_ends_of_the_tasks_that_did_not_fail() -> None:
-    """A task without a value is beyond the tolerance, a failed one counts for nothing; no error is below 0; like ends are one."""
+    """A task without a value is beyond the tolerance, a failed one is nothing; no error is below 0, like ends are one."""
     found = judge_arm(table({"a": [9.0, 1.0, 3.0, None, 1.5]}, failed=1), "a", {}, BY)
     assert (found.tasks, found.failed, found.n) == (5, 1, 3)
     assert found.mean == pytest.approx((1.0 + 3.0 + 1.5) / 3)
@@ -163,7 +170,7 @@ def test_an_arm_has_mean_share_and_ends_of_the_tasks_that_did_not_fail() -> None
     assert found.ci95 == pytest.approx((0.0, reference.high))
     assert (found.within_tolerance, found.share) == (2, 0.5)
     assert found.ends == {"success": 2, "target_missed": 2}
-    assert merge_ends({"0.5 mm off": 1, "no path": 1, "10 mm off": 2}) == [("0.5 to 10 mm off", 3), ("no path", 1)]
+    assert dict(merge_ends({"0.5 mm off": 1, "b": 1, "10 mm off": 2})) == {"0.5 to 10 mm off": 3, "b": 1}
 
 
 def test_without_values_there_are_no_figures_and_the_interval_of_a_share_is_wilsons() -> None:

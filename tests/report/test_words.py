@@ -3,15 +3,7 @@
 import pytest
 
 from labrig.report.event_words import describe_event
-from labrig.report.formatting import (
-    flatten,
-    format_time,
-    format_value,
-    interval,
-    label_key,
-    number,
-    signed,
-)
+from labrig.report.formatting import flatten, format_time, format_value, interval, label_key, number, signed
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
@@ -25,6 +26,7 @@ _LEAST_IN_BIN = 5
 _MOST_VECTORS = 300
 _MOST_OF_MEDIAN = 10.0
 """Values above this many medians would press all others to the lower edge: the axis is logarithmic."""
+_SHARES = LinearSegmentedColormap.from_list("shares", ("#ffffff", "#56b4e9"))
 _APART = 0.22
 """Of rows: the median stands above the mean and the values below it, not on it."""
 
@@ -144,17 +146,19 @@ def draw_map(
         counts, x_edges, y_edges = np.histogram2d(x, y, fields)
         hits, _, _ = np.histogram2d(x, y, (x_edges, y_edges), weights=reached.astype(np.float64))
         share = np.ma.masked_where(counts == 0, hits / np.maximum(counts, 1.0)).T
-        mesh = axes.pcolormesh(x_edges, y_edges, share, cmap="viridis", vmin=0, vmax=1, rasterized=True)
+        mesh = axes.pcolormesh(x_edges, y_edges, share, cmap=_SHARES, vmin=0, vmax=1, rasterized=True)
         many = len(x) > _MOST_VECTORS
-        axes.plot(x[reached], y[reached], ".", color="#000000", markersize=3, rasterized=many)
-        axes.plot(x[~reached], y[~reached], "x", color="#d55e00", markersize=4, rasterized=many)
+        axes.plot(x[reached], y[reached], ".", color="#00507d", markersize=3, rasterized=many)
         for across, up, radius in circles:
-            axes.add_patch(Circle((across, up), radius, fill=False, edgecolor="#000000", linewidth=1.4))
+            axes.add_patch(Circle((across, up), radius, facecolor="#c8c8c8", edgecolor="#888888"))
+        for colour, width in (("#ffffff", 4.5), ("#b02a00", 2.2)):  # misses are the news
+            axes.plot(x[~reached], y[~reached], "x", color=colour, markersize=8 + width, mew=width, zorder=3)
         if circles:
             axes.set_aspect("equal")
         axes.set_xlabel(label_key(keys[0]))
         axes.set_ylabel(label_key(keys[1]))
-        figure.colorbar(mesh, ax=axes, label=f"share within {tell_value(result.tolerance, result.measure)}")
+        label = f"share within {tell_value(result.tolerance, result.measure)}"
+        figure.colorbar(mesh, ax=axes, label=label, format="{x:.0%}")
         return svg(figure, name)
 
 

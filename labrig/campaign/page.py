@@ -64,6 +64,7 @@ def write_page(
         "measure": label_key(result.measure),
         "quantity": split_quantity(result.measure),
         "chance": chance,
+        "whys": merge_ends({failure.error: failure.tasks for failure in result.failures}),
         "clear": clear,
         "made": loaded.describe(),
         "bounded": bounded,

@@ -26,7 +26,7 @@ from labrig.protocol.sections import Criterion
 Interval = tuple[float, float]
 FloatArray = NDArray[np.float64]
 
-_NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
+_NUMBER = re.compile(r"(\d+\.\d+|\d+(?= mm))")  # not that of an obstacle
 _LEAST_FOR_QUANTILE = 10
 """Values; the 90 % quantile of fewer lies between the two largest, whatever the others are."""
 

@@ -161,7 +161,7 @@ def table(values: "dict[str, list[float | None]]", failed: int = 0) -> pd.DataFr
 
 
 def test_an_arm_has_mean_share_and_ends_of_the_tasks_that_did_not_fail() -> None:
-    """A task without a value is beyond the tolerance, a failed one is nothing; no error is below 0, like ends are one."""
+    """Without a value it is beyond the tolerance, a failed one counts for nothing; no error is below 0."""
     found = judge_arm(table({"a": [9.0, 1.0, 3.0, None, 1.5]}, failed=1), "a", {}, BY)
     assert (found.tasks, found.failed, found.n) == (5, 1, 3)
     assert found.mean == pytest.approx((1.0 + 3.0 + 1.5) / 3)

@@ -17,14 +17,9 @@ from labrig.record.reader import Run
 from labrig.report.figures import DrawnFigure, clip_to_corners, draw_lens, svg
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, photograph, pixel, polyline
+from labrig.vision import lens_judgement
 from labrig.vision.calibrate_plane import LARGEST_OFF_MM
 from labrig.vision.calibration_file import load_intrinsics, load_plane
-from labrig.vision.lens_judgement import (
-    LARGEST_DISTANCE_EFFECT,
-    LARGEST_EFFECT,
-    LARGEST_HOLDOUT_PX,
-    LEAST_COVERAGE,
-)
 from labrig.vision.plane import PICTURE_AXES, PlaneMap
 
 FloatArray = NDArray[np.float64]
@@ -34,14 +29,6 @@ TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
 # Lines of the map that are drawn over the graph paper [mm].
 _GRID_MM = 10.0
-LIMITS = {
-    "length": LARGEST_EFFECT,
-    "radius": LARGEST_EFFECT,
-    "distance": LARGEST_DISTANCE_EFFECT,
-    "holdout_px": LARGEST_HOLDOUT_PX,
-    "coverage": LEAST_COVERAGE,
-    "off_mm": LARGEST_OFF_MM,
-}
 
 
 def make_page(
@@ -62,7 +49,8 @@ def make_page(
         "coverage": _draw_coverage(content, needle_px),
         "paper": paper,
         "grid_mm": _GRID_MM,
-        "limits": LIMITS,
+        "limits": lens_judgement,
+        "largest_off_mm": LARGEST_OFF_MM,
         "known": None if plane is None or needle_px is None else _find_length_mm(plane, needle_px),
     }
     return Page(TEMPLATE, shown=shown)

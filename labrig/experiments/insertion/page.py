@@ -101,6 +101,7 @@ def _draw_insertion(
             *scene.draw_line("true", true_path_mm),
             *([scene.draw_ring("true", moved_mm[1:], trial.tolerance_mm)] if moved_mm else ()),
             *_draw_end(trial, scene),
+            *_draw_turning_circle(run, trial, scene),
         )
         title = f"{trial.length_mm or 0.0:.1f} mm, {at_s:.0f} s"
         occasion = "at the target" if trial.reached else "stopped"
@@ -117,6 +118,15 @@ def _draw_end(trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
             end_mm = end_mm + trial.depth.x_mm * perspective.find_slope(end_mm)
             yield from scene.draw_line("sight", np.array((trial.tip_mm, end_mm)))
         yield scene.draw_ring("tip", end_mm.tolist(), _RING_MM)
+
+
+def _draw_turning_circle(run: Run, trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
+    """Yield the tightest turn from the start towards a target that lies inside it; it begins with a straight piece."""
+    if "turning circles" in trial.cause:
+        planner, policy = run.protocol["planner"], run.protocol["policy"]
+        y_mm = math.copysign(planner["radius_mm"], trial.target_mm[1])
+        z_mm = max(policy["backlash_mm"], policy["closing_mm"]) / 2
+        yield scene.draw_ring("turning", (y_mm, z_mm), planner["radius_mm"])
 
 
 def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:

@@ -270,9 +270,8 @@ class Insertion:
         self._record_plan(state, None)
         self.find_markers()
         if command.stop is not None:
-            raise TargetMissedError(
-                f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
-            )
+            hint = "move the target" if "the target lies" in command.detail else "move target or obstacles"
+            raise TargetMissedError(f"there is no path: {command.detail}", hint, reason="no_path")
         self._warn(state)
         return state, command
 

@@ -49,7 +49,7 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
         r"In the plane it is <b>0\.\d\d\u00a0±\u00a00\.\d\d\u00a0mm</b> \(SD\) off, by the shaft in the final picture",
         r"needle's end is <b>\d\.\d\d to \d\.\d\d\u00a0mm</b> from the target in space \(95\u00a0% interval\)",
         r"\(95\u00a0% interval\), where 2\u00a0mm are allowed", "true distance .* which is within the interval",
-        r"with an error of \d\.\d\d\u00a0mm at the target\. .* drawn with the same error", "so it cancels",
+        r"are off by \d\.\d\d\u00a0mm at the target\. .* drawn with the same error", "so it cancels",
         "<dd>radius .*mm at y .*, z .*mm</dd>", "true error", "truth", "Heading",
         r"is off, which no innovation shows: \d\.\d\d\u00a0mm at the target", "<dt>NIS</dt>", "<h3>In space</h3>",
         ">Roll zero<", ">Lag of the bevel<", ">Wandering<", ">Start<", ">In the plane<",
@@ -81,7 +81,7 @@ def test_without_a_path_the_page_says_what_to_do() -> None:
     run = record_insertion("target.position_mm=[0,20,10]")
     result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     page = write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
-    assert "Move the target or an obstacle" in page
+    assert "Move the target." in page
     assert "there is no path:" not in page
     assert "On the way" not in page
     assert "<h2>How sure" not in page

@@ -335,7 +335,8 @@ def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]
     if told:
         sections = ", ".join(dict.fromkeys(key.partition(".")[0].replace("_", " ") for key in told))
         many = f"{len(told)} keys of {sections}, listed on the page under What was done"
-        yield f"The settings of the runs differ in {', '.join(told.values()) if len(told) <= _MOST_KEYS else many}."
+        listed = ", ".join(told.values()) if len(told) <= _MOST_KEYS else many
+        yield f"The settings of the runs differ{', besides the policy,' if 'policy' in by else ''} in {listed}."
 
 
 def _note_repeats(runs: Sequence[Measured]) -> Iterable[str]:

@@ -23,7 +23,7 @@ _NO_SPECIMEN = (
 )
 _BY_SPECIMEN = "n counts specimens: each block of gel enters by the mean of its insertions."
 _ONE_BLOCK = (
-    "n counts insertions, which share their block of gel ({}: one block each). Intervals and p speak of these blocks "
+    "n counts insertions, which share their block of gel ({}). Intervals and p speak of these blocks "
     "alone: they do not cover how much blocks of the same ratio differ. For that, measure two blocks or more of each."
 )
 
@@ -57,8 +57,13 @@ def group_rows(
     if not by:
         grouped["group"] = grouped["group"].fillna(rows["run"])
         if len(runs) > 1 and len(_list_groups(grouped)) < 2 and usual:
-            notes.append("Needle and gel are the same in all runs: the runs themselves are compared.")
-            fields = ["run"]
+            names = set(map(_name_policy, runs)) - {None}
+            fields = ["policy" if len(names) == len(runs) else "run"]
+            if fields == ["run"]:
+                others = " --by policy groups them." if len(names) > 1 else ""
+                notes.append(
+                    f"Needle and gel are the same in all runs: the runs themselves are compared.{others}"
+                )
             grouped = _label_rows(rows, runs, fields, whole=True)
     ungrouped = int(grouped["group"].isna().sum())
     if ungrouped:
@@ -102,7 +107,7 @@ def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
     fields = (*DEFAULT_FIELDS, "specimen", "hole", "run")
     telling = [name for name in fields if name in rows and rows[name].nunique() > 1 and name not in by]
     others = f"--by {' or --by '.join(telling)} tells them apart, or " if telling else ""
-    return InputError(f"nothing to compare: {what}", f"{others}name more runs")
+    return InputError(f"nothing to compare: {what}", f"{others}name more runs, or a sweep of several gels")
 
 
 def _find_values(rows: pd.DataFrame, runs: Sequence[Measured], name: str) -> "pd.Series[Any]":
@@ -112,7 +117,9 @@ def _find_values(rows: pd.DataFrame, runs: Sequence[Measured], name: str) -> "pd
     by_run = {run.name: ", ".join(_list_run_values(run, name)) or None for run in runs}
     told = {run.name: run.run.protocol[name] for run in runs if name in run.run.protocol}
     if any(isinstance(section, Mapping) for section in told.values()):
-        by_run |= {a: f"as in {min(b for b in told if told[b] == told[a])}" for a in told}
+        like = {a: f"as in {min(b for b in told if told[b] == told[a])}" for a in told}
+        words = {run.name: _name_policy(run) for run in runs if name == "policy"}
+        by_run |= words if len(set(words.values())) == len(set(like.values())) else like
     if not any(by_run.values()):
         near = get_close_matches(name, [*map(str, rows.columns), *ALIASES], 1)
         meant = f"did you mean {near[0]}? " if near else ""
@@ -128,6 +135,12 @@ def _list_run_values(run: Measured, name: str) -> list[str]:
     """Return the values of a field of manifest or protocol, each once."""
     values = find_values(run.fields, name)
     return list(dict.fromkeys(_to_text(value) for value in values if value is not None and value != ""))
+
+
+def _name_policy(run: Measured) -> str | None:
+    """Return the policy of an insertion by the planner that it stands for; None of a run without."""
+    planner = _list_run_values(run, "planner.method") if "policy" in run.run.protocol else ()
+    return {"best": "default", "paper": "paper"}.get(", ".join(planner))
 
 
 def _to_text(value: object) -> str:
@@ -168,4 +181,5 @@ def choose_unit(counted: pd.DataFrame) -> tuple[Unit, list[str]]:
     if blocks.min() >= 2:
         return "specimen", [_BY_SPECIMEN]
     single = [str(name) for name, count in blocks.items() if count < 2]
-    return "insertion", [_ONE_BLOCK.format("; ".join(single[:4]) + ("; ..." if len(single) > 4 else ""))]
+    told = "; ".join(single[:4]) + ("; ..." if len(single) > 4 else "") + ": one block each"
+    return "insertion", [_ONE_BLOCK.format("each group is one block" if len(single) == len(blocks) else told)]

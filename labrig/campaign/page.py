@@ -1,7 +1,9 @@
 """The page of a campaign, its result as a document, and its figures, in the campaign's folder."""
 
 import math
+import re
 import shlex
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -12,7 +14,7 @@ from scipy.special import ndtri
 
 from labrig.campaign.figures import draw_arms, draw_map, draw_over_points
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import count_ends, merge_ends, read_values
+from labrig.campaign.statistics import count_ends, read_values
 from labrig.campaign.tasks import LoadedCampaign
 from labrig.durable import write_atomically
 from labrig.record.json_lines import encode_document
@@ -23,6 +25,7 @@ from labrig.report.page import write_page as write_document
 from labrig.text import split_key, split_quantity, tell_value
 
 RESULT_FILE = "result.json"
+_NUMBER = re.compile(r"(\d+\.\d+|\d+(?= mm))")  # not that of an obstacle
 TEMPLATE = Path(__file__).parent / "page.html.jinja"
 
 
@@ -93,6 +96,22 @@ def _draw_maps(
         rows = table[(table["arm"] == arm.name) & table["error"].isna()]
         if len(keys) == 2 and result.tolerance is not None and len(rows):
             yield arm.name, draw_map(result, rows, (keys[0], keys[1]), circles, f"map-{index}")
+
+
+def merge_ends(ends: Mapping[str, int]) -> list[tuple[str, int]]:
+    """Return ends, the most frequent first; those that differ in numbers alone are one: `0.50 to 0.69 mm short`."""
+    alike = defaultdict[tuple[str, ...], list[list[str]]](list)
+    for end, count in ends.items():
+        parts = _NUMBER.split(end)
+        alike[tuple(parts[::2])] += [parts] * count
+    return Counter(
+        {"".join(map(_span, zip(*found, strict=True))): len(found) for found in alike.values()}
+    ).most_common()
+
+
+def _span(parts: Sequence[str]) -> str:
+    """Return words that are the same in all ends, or the range of a number that is not."""
+    return parts[0] if len(set(parts)) == 1 else f"{min(parts, key=float)} to {max(parts, key=float)}"
 
 
 def _make_filters(result: CampaignResult) -> Mapping[str, object]:

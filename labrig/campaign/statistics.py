@@ -5,8 +5,7 @@ same seed and point (common random numbers); with several arms their intervals h
 """
 
 import math
-import re
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -26,7 +25,6 @@ from labrig.protocol.sections import Criterion
 Interval = tuple[float, float]
 FloatArray = NDArray[np.float64]
 
-_NUMBER = re.compile(r"(\d+\.\d+|\d+(?= mm))")  # not that of an obstacle
 _LEAST_FOR_QUANTILE = 10
 """Values; the 90 % quantile of fewer lies between the two largest, whatever the others are."""
 
@@ -124,22 +122,6 @@ def count_ends(table: pd.DataFrame) -> dict[str, int]:
     """Return how tasks ended, the most frequent first: `success`, or the reason."""
     ends = table["reason"].where(table["exit_status"] != "success", "success").fillna(table["exit_status"])
     return dict(Counter(ends.astype(str)).most_common())
-
-
-def merge_ends(ends: Mapping[str, int]) -> list[tuple[str, int]]:
-    """Return ends, the most frequent first; those that differ in numbers alone are one: `0.50 to 0.69 mm short`."""
-    alike = defaultdict[tuple[str, ...], list[list[str]]](list)
-    for end, count in ends.items():
-        parts = _NUMBER.split(end)
-        alike[tuple(parts[::2])] += [parts] * count
-    return Counter(
-        {"".join(map(_span, zip(*found, strict=True))): len(found) for found in alike.values()}
-    ).most_common()
-
-
-def _span(parts: Sequence[str]) -> str:
-    """Return words that are the same in all ends, or the range of a number that is not."""
-    return parts[0] if len(set(parts)) == 1 else f"{min(parts, key=float)} to {max(parts, key=float)}"
 
 
 def bound_share(count: int, of: int) -> Interval | None:

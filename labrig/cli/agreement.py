@@ -23,7 +23,7 @@ def print_agreement(found: Any, place: str, names: tuple[str, str], headline: st
         for name, value in zip(names, (first.recorded, first.now), strict=True):
             shown = round(value, 6) if isinstance(value, float) else value
             print_line(f"  {name}: {shorten(str(shown), _WIDEST)}")
-        if first.tolerance is not None:
+        if first.tolerance is not None and not headline:
             print_line(f"  they differ by {first.size:.3g}; {first.tolerance:.3g} is allowed")
     by_share = sorted(found.shares.items(), key=lambda item: -item[1])
     for quantity, share in () if headline else by_share[:_MOST_QUANTITIES]:

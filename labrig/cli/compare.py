@@ -78,12 +78,11 @@ def _write(compared: Any, out: Path | None, measured: Sequence[Any]) -> Path:
     return folder
 
 
-_GROUP_HEADS = ("group", "n", "mean", "SD", "95 % interval", "with shared errors")
-_PAIR_HEADS = ("pair", "difference", "95 % interval", "p")
-
-
 def _print(document: Mapping[str, Any]) -> None:
     quote(document["report"])
+    mean, sd, ci95, difference = (
+        f"{head} {document['unit'] or ''}".rstrip() for head in ("mean", "SD", "95 % interval", "difference")
+    )
     groups = [
         [
             *(group[key] for key in ("name", "n", "mean", "sd")),
@@ -93,7 +92,7 @@ def _print(document: Mapping[str, Any]) -> None:
         for group in document["groups"]
     ]
     if any(group["n"] > 1 for group in document["groups"]):
-        print_table(_GROUP_HEADS, groups)
+        print_table(("group", "n", mean, sd, ci95, "with shared errors"), groups)
     pairs = [
         [
             f"{pair['a']} - {pair['b']}",
@@ -104,7 +103,7 @@ def _print(document: Mapping[str, Any]) -> None:
         for pair in document["pairs"]
     ]
     if len(pairs) > 1:  # the headline tells a single one
-        print_table(_PAIR_HEADS, pairs)
+        print_table(("pair", difference, ci95, "p"), pairs)
     for sentence in document["warnings"]:
         say(f"note: {sentence}")
     print_line(f"report  {document['report']}")

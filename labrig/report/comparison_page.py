@@ -79,7 +79,7 @@ def write_comparison(
         "digits": partial(number, digits=max(2, decimals)),
         "plus": partial(signed, digits=max(2, decimals)),
         "checksum": read_checksum,
-        "in_words": lambda key: split_key(key)[0],
+        "in_words": lambda key: split_key(key)[0].replace("_", " "),
         "with_unit": lambda value, key: UNKNOWN if value is None else tell_value(format_value(value), key),
     }
     write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)

@@ -321,10 +321,7 @@ class PlaneFit:
 
 
 def fit_plane(
-    px: FloatArray,
-    paper_mm: FloatArray,
-    gross_mm: float,
-    radial_about: tuple[float, float] | None = None,
+    px: FloatArray, paper_mm: FloatArray, gross_mm: float, radial_about: tuple[float, float] | None = None
 ) -> PlaneFit:
     """Fit points at pixels (N, 2) to their places on paper (N, 2) [mm].
 

@@ -171,11 +171,7 @@ class CurvatureMeasurement(Model):
 
 
 def measure_curvature(
-    image: Picture,
-    plane: PlaneMap,
-    settings: CurvatureSettings,
-    *,
-    mask: Mask | None = None,
+    image: Picture, plane: PlaneMap, settings: CurvatureSettings, *, mask: Mask | None = None
 ) -> CurvatureMeasurement:
     """Measure the radius of the needle's bend in one picture.
 

@@ -38,14 +38,7 @@ from labrig.vision.shaft_ends import (
     find_sheath_end,
     measure_brightening,
 )
-from labrig.vision.shaft_trace import (
-    Orientation,
-    Trace,
-    Widths,
-    filter_bars,
-    measure_beyond,
-    trace_shafts,
-)
+from labrig.vision.shaft_trace import Orientation, Trace, Widths, filter_bars, measure_beyond, trace_shafts
 
 FloatArray = NDArray[np.float64]
 

@@ -5,13 +5,7 @@ from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.text import round_down
-from labrig.vision.shaft_edges import (
-    Edges,
-    measure_gel_level,
-    measure_side_levels,
-    smooth_rows,
-    take_sides,
-)
+from labrig.vision.shaft_edges import Edges, measure_gel_level, measure_side_levels, smooth_rows, take_sides
 from labrig.vision.shaft_trace import Widths
 
 FloatArray = NDArray[np.float64]

@@ -141,13 +141,16 @@ def test_groups_can_be_made_by_any_field(tmp_path):
     """By a column, an alias, a key of the protocol or the run; the default falls back on runs that are all alike."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})
     b = write_measured_run(tmp_path, "b", {SOFT: (28.1, 28.3)}, needle_id="N2")
-    c = write_measured_run(tmp_path, "c", {SOFT: (28.1, 28.3)})
+    policy = "planner: {{method: {}}}\npolicy: {{near_mm: {}}}\n"
+    c = write_measured_run(tmp_path, "c", {SOFT: (28.1, 28.3)}, protocol=policy.format("paper", 0))
+    d = write_measured_run(tmp_path, "d", {SOFT: (28.1, 28.3)}, protocol=policy.format("best", 30))
     names = {
         by: [g.name for g in _compare(a, b, by=(by,)).comparison.groups] for by in ("needle", "hole", "title")
     }
     assert names == {"needle": ["N1", "N2"], "hole": ["hole 1", "hole 2"], "title": ["title a", "title b"]}
     alike = _compare(a, c).comparison
     assert (alike.by, [group.name for group in alike.groups]) == (("run",), ["a", "c"])
+    assert [group.name for group in _compare(c, d).comparison.groups] == ["policy default", "policy paper"]
 
 
 @pytest.mark.parametrize(

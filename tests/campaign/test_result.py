@@ -16,16 +16,9 @@ from scipy import stats
 
 from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.figures import draw_map
-from labrig.campaign.page import write_page
+from labrig.campaign.page import merge_ends, write_page
 from labrig.campaign.result import CampaignResult, make_result
-from labrig.campaign.statistics import (
-    bound_share,
-    compare_arms,
-    correlate,
-    ends_by_rule,
-    judge_arm,
-    merge_ends,
-)
+from labrig.campaign.statistics import bound_share, compare_arms, correlate, ends_by_rule, judge_arm
 from labrig.campaign.store import make_table
 from labrig.campaign.tasks import LoadedCampaign, Task, make_row
 from labrig.protocol.sections import Criterion

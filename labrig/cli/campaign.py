@@ -7,7 +7,7 @@ from typer import Option
 
 from labrig.cli.options import CampaignArgument, WorkersOption
 from labrig.cli.output import print_json, print_line, print_table, quote
-from labrig.text import interval, number
+from labrig.text import interval, number, split_quantity
 
 
 def campaign(
@@ -63,5 +63,7 @@ def _print(campaign: Any) -> None:
         rows.append((arm.name, arm.tasks - arm.failed, percent, interval(share, 1), *mean))
     quote(campaign.report)
     if len(rows) > 1:  # the result tells a single one
-        print_table(("arm", "n", "within %", "95 %", "mean", "95 %", "median"), rows)
+        unit = split_quantity(result.measure)[1] or ""
+        heads = ("arm", "n", "within %", "95 % interval", f"mean {unit}", "95 % interval", f"median {unit}")
+        print_table(heads, rows)
     print_line(f"table   {campaign.table}\nreport  {campaign.report}")

@@ -373,7 +373,7 @@ class Insertion:
         tolerance_mm = self.settings.problem.tolerance_mm
         ending = decide_ending(str(command.stop), command.detail, bounds, tolerance_mm, doubt)
         session.record_truth(self.trial)
-        session.tell(f"{ending.stop}: {ending.cause}")
+        session.tell(ending.stop.replace("_", " "))
         if command.stop in UNSURE_STOPS:
             session.ask(ConfirmStopped(command.detail))
         speeds = find_speeds(session.description, self.protocol.insertion, self.protocol.sheath)

@@ -228,18 +228,20 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         for trial in trials
     )
     arrived = f"{document['arrived']} of {document['made']} reached the target"
+    measured = len(trials) > 1 or any(trial["target_error_mm"] is not None for trial in trials)
     in_plane = sum(trial["reached"] is None for trial in trials)
     noise = describe_sighting_noise(document.get("sighting_noise"))
     changed = not document["overrides"] and any(trial["as_recorded"] is False for trial in trials)
     lines = (
-        "error mm: by the shaft in the last picture; in space: by that, by the estimate on the way, or by both",
+        measured
+        and "error mm: by the shaft in the last picture; in space: by that, by the estimate, or by both",
         f"{arrived}, {in_plane} in the plane only" if in_plane else arrived,
-        noise and f"{noise} (estimator.observation_sd_mm, policy.backlash_mm)",
+        noise and f"{noise.partition(': ')[2]} (estimator.observation_sd_mm, policy.backlash_mm)",
         "this labrig estimates otherwise than the one that made the run, with the same settings"
         if changed
         else None,
     )
-    return TextTable(_HEADS, rows), *filter(None, lines)
+    return *([TextTable(_HEADS, rows)] if measured else ()), *filter(None, lines)
 
 
 def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:

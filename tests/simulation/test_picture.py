@@ -126,6 +126,15 @@ def test_the_needle_s_edges_stand_where_the_truth_says(roll_rad: float) -> None:
             assert abs(sum(edges)) / 2 < 0.01
 
 
+def test_the_glint_lies_where_the_normal_bisects_lamp_and_camera() -> None:
+    """The lamp stands aside, 1.2 times as high as far away; the needle is straight."""
+    world = bench(QUIET.model_copy(update={"light": QUIET.light.model_copy(update={"azimuth_deg": 90.0})}))
+    insert(world, 6.0)
+    across = profiles(world.picture(), centre_line_mm(world)[100:300]).mean(axis=0)
+    glint_mm = OFFSETS_MM[np.argmax(np.where(np.abs(OFFSETS_MM) < 0.5, across, 0.0))]
+    assert glint_mm == pytest.approx(0.6 * np.sin((np.pi / 2 - np.arctan(1.2)) / 2), abs=0.03)
+
+
 def test_a_withdrawn_needle_leaves_a_faint_track_that_moves_with_the_gel() -> None:
     """Shifted by 10 mm, the slit is seen 10 mm towards +y, darker than its surroundings but only faintly."""
     world = bench()

@@ -111,6 +111,10 @@ class SteeringPolicy(Model):
     """How the bevel is turned against torsion of the needle. compensated: in the directions whose lags displace the
     tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and back."""
 
+    def find_acting_mm(self, made_at_mm: float) -> float:
+        """Return the insertion length at which a turn of the bevel made at a length acts."""
+        return max(made_at_mm + self.backlash_mm / 2, self.closing_mm / 2)
+
 
 PAPER_POLICY = SteeringPolicy(
     deviation_mm=None,

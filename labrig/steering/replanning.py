@@ -20,7 +20,7 @@ from labrig.steering.motion import Turn
 from labrig.steering.planner import Effort, Plan, make_plan, plan_path
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem, Surroundings
-from labrig.steering.state import HERE_MM, NO_TURN, Occasion, SteeringState, find_acting_mm
+from labrig.steering.state import HERE_MM, NO_TURN, Occasion, SteeringState
 
 # An estimated radius counts within this factor of the given radius.
 _RADIUS_FACTOR = 1.5
@@ -69,7 +69,7 @@ def predict_miss_and_gap(state: SteeringState, settings: SteeringSettings) -> tu
 
 def _predict_start(state: SteeringState, settings: SteeringSettings) -> FloatArray:
     """Return the tip's pose (4, 4) where a turn of the bevel would act, with the turns that act there."""
-    from_mm = find_acting_mm(state.insertion_mm, settings)
+    from_mm = settings.policy.find_acting_mm(state.insertion_mm)
     turned_rad = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
     return state.predict(from_mm, settings, turned_rad)
 
@@ -82,7 +82,7 @@ def pose_problem_ahead(state: SteeringState, settings: SteeringSettings) -> Plan
     InputError
         When the tip or the target would be inside an obstacle.
     """
-    from_mm = find_acting_mm(state.insertion_mm, settings)
+    from_mm = settings.policy.find_acting_mm(state.insertion_mm)
     along = np.asarray(settings.problem.start)[:3, 2]
     return replace(
         settings.problem,
@@ -121,9 +121,9 @@ def _relax(problem: PlanProblem, settings: SteeringSettings) -> Iterator[PlanPro
 
 def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
     """Return the rest of the path (n, 2) from where a turn would act."""
-    from_mm = find_acting_mm(state.insertion_mm, settings)
+    from_mm = settings.policy.find_acting_mm(state.insertion_mm)
     per_mm = (1.0 - state.tip.slip) / _bounded_radius_mm(state, settings)
-    acting_mm = [max(find_acting_mm(turn.at_mm, settings), from_mm) for turn in state.ahead]
+    acting_mm = [max(settings.policy.find_acting_mm(turn.at_mm), from_mm) for turn in state.ahead]
     stretches = pairwise((from_mm, *acting_mm, max(state.end_mm, from_mm)))
     rolls_rad = (0.0, *(turn.roll_rad for turn in state.ahead))
     arcs = zip(stretches, rolls_rad, strict=True)
@@ -145,7 +145,7 @@ def _follow(
     state: SteeringState, plan: Plan, problem: PlanProblem, settings: SteeringSettings
 ) -> SteeringState:
     """Return the state with a new path: where to turn the bevel, and where the path ends."""
-    from_mm = find_acting_mm(state.insertion_mm, settings)
+    from_mm = settings.policy.find_acting_mm(state.insertion_mm)
     ends_mm = from_mm + np.cumsum([0.0, *(arc.length_mm for arc in plan.arcs)]) / (1.0 - state.tip.slip)
     turns = tuple(
         Turn(

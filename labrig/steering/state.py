@@ -148,11 +148,5 @@ def take_in_sighting(
 
 def turn_bevel(state: SteeringState, roll_rad: float, settings: SteeringSettings) -> SteeringState:
     """Return the state after a turn of the bevel at the present insertion length."""
-    turns = (*state.turns, Turn(find_acting_mm(state.insertion_mm, settings), roll_rad))
+    turns = (*state.turns, Turn(settings.policy.find_acting_mm(state.insertion_mm), roll_rad))
     return replace(state, turns=turns)
-
-
-def find_acting_mm(made_at_mm: float, settings: SteeringSettings) -> float:
-    """Return the insertion length at which a turn of the bevel made at a length acts."""
-    policy = settings.policy
-    return max(made_at_mm + policy.backlash_mm / 2, policy.closing_mm / 2)

@@ -11,7 +11,6 @@ from labrig.steering.parameters import PAPER_POLICY, SteeringPolicy
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import Obstacle, PlanProblem
 from labrig.steering.replanning import replan
-from labrig.steering.state import find_acting_mm
 from labrig.steering.step import LEAD_MM, start_steering
 from labrig.steering.tip import EstimatorSettings
 from tests.steering.driven_needle import DrivenNeedle, drive
@@ -87,7 +86,7 @@ def test_the_papers_policy_plans_every_20_mm():
 def test_a_turn_acts_where_the_play_is_through(made_at_mm, acts_at_mm):
     """After half the backlash, and at the start not before half of the length over which the hinges close."""
     policy = SteeringPolicy(closing_mm=3.0, backlash_mm=1.5)
-    assert find_acting_mm(made_at_mm, settings(policy=policy)) == pytest.approx(acts_at_mm)
+    assert policy.find_acting_mm(made_at_mm) == pytest.approx(acts_at_mm)
 
 
 def test_commands_lead_on():

@@ -57,15 +57,14 @@ class ShownInsertion:
     map_off_mm: float | None
 
 
-def make_page(run: Run, _protocol: InsertionProtocol, result: AnalysisResult[InsertionResult]) -> Page:
+def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult]) -> Page:
     """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
     content, plane, events = result.content, load_plane_map(run), read_scenes(run)
-    targets = {line["trial"]: line["target_mm"] for line in run.lines("truth") if line.get("target_mm")}
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     parts = {
         "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
         "shown": [
-            _draw_insertion(run, trial, events.get(trial.trial, ()), plane, targets.get(trial.trial))
+            _draw_insertion(run, protocol, trial, events.get(trial.trial, ()))
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
         "noise_told": describe_sighting_noise(vars(noise) if (noise := content.sighting_noise) else None),
@@ -74,18 +73,20 @@ def make_page(run: Run, _protocol: InsertionProtocol, result: AnalysisResult[Ins
 
 
 def _draw_insertion(
-    run: Run, trial: InsertionTrial, events: Sequence[Event], plane: PlaneMap, target_mm: list[float] | None
+    run: Run, protocol: InsertionProtocol, trial: InsertionTrial, events: Sequence[Event]
 ) -> ShownInsertion:
     plans = [event for event in events if isinstance(event, PathSought)]
     figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
-    true_mm, panels, scene = None if trial.markers else target_mm, list[Panel](), Scene(plane)
+    truths = () if trial.markers else run.lines("truth")
+    targets = {line["trial"]: line["target_mm"] for line in truths if line.get("target_mm")}
+    true_mm, panels, scene = targets.get(trial.trial), list[Panel](), Scene(load_plane_map(run))
     for event in events:
         scene.take(event)
         if isinstance(event, PathSought) and any(event is plan for plan in _select_plans(plans)):
             frame = _find_scene(run, trial) if event.frame is None else event.frame
             strokes = *scene.draw_places(), *scene.former, *scene.draw_ways()
             title = f"{event.depth_mm:.1f} mm, {event.t_s - trial.start_t_s:.0f} s"
-            panels += _draw_panel(run, frame, strokes, plane, (title, event.because))
+            panels += _draw_panel(run, frame, strokes, scene.plane, (title, event.because))
     final = trial.final_frame if panels or trial.final_frame is not None else _find_scene(run, trial)
     if final is not None and scene.start is not None:
         at_s = max(0.0, run.frame_lines[final].t_s - trial.start_t_s)
@@ -101,11 +102,11 @@ def _draw_insertion(
             *scene.draw_line("true", true_path_mm),
             *([scene.draw_ring("true", moved_mm[1:], trial.tolerance_mm)] if moved_mm else ()),
             *_draw_end(trial, scene),
-            *_draw_turning_circle(run, trial, scene),
+            *_draw_circle(protocol, trial, scene),
         )
         title = f"{trial.length_mm or 0.0:.1f} mm, {at_s:.0f} s"
         occasion = "at the target" if trial.reached else "stopped"
-        panels += _draw_panel(run, final, strokes, plane, (title, occasion))
+        panels += _draw_panel(run, final, strokes, scene.plane, (title, occasion))
     off_mm = None if true_mm is None else math.dist(true_mm[1:], trial.target_mm[1:])
     return ShownInsertion(trial, tuple(panels), figure, off_mm)
 
@@ -120,13 +121,12 @@ def _draw_end(trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
         yield scene.draw_ring("tip", end_mm.tolist(), _RING_MM)
 
 
-def _draw_turning_circle(run: Run, trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
+def _draw_circle(protocol: InsertionProtocol, trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
     """Yield the tightest turn from the start towards a target that lies inside it; it begins with a straight piece."""
-    if "turning circles" in trial.cause:
-        planner, policy = run.protocol["planner"], run.protocol["policy"]
-        y_mm = math.copysign(planner["radius_mm"], trial.target_mm[1])
-        z_mm = max(policy["backlash_mm"], policy["closing_mm"]) / 2
-        yield scene.draw_ring("turning", (y_mm, z_mm), planner["radius_mm"])
+    if trial.stop == "no_path" and "turning circles" in trial.cause:
+        radius_mm = protocol.planner.radius_mm
+        centre_mm = math.copysign(radius_mm, trial.target_mm[1]), protocol.policy.find_acting_mm(0.0)
+        yield scene.draw_ring("turning", centre_mm, radius_mm)
 
 
 def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:

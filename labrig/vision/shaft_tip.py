@@ -1,6 +1,6 @@
 """Tip and heading of a needle from its shaft alone, without a template."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,28 +107,24 @@ def measure_shaft_tip(
         centre_line_mm=shaft.centre_mm,
         arc_mm=shaft.arc_mm,
         widths_mm=shaft.widths_mm,
-        errors=_find_errors(shaft, plane, np.array([y, z]), None),
+        errors=_find_errors(shaft, plane),
     )
 
 
 def budget_tip(shaft: Shaft, plane: PlaneMap, roll_sd_rad: float | None) -> ErrorBudget:
-    """Return the error budget of the tip of a located shaft."""
-    tip_mm = plane.to_mm(shaft.tip_px[None])[0]
-    return budget_place(plane, shaft.tip_px, _find_errors(shaft, plane, tip_mm, roll_sd_rad))
-
-
-def _find_errors(shaft: Shaft, plane: PlaneMap, tip_mm: FloatArray, roll_sd_rad: float | None) -> PlaceErrors:
-    """Return the errors of a shaft's end that are not of the map.
+    """Return the error budget of the tip of a located shaft.
 
     A needle that bends out of the plane stands before or behind it, which only the camera's place tells.
     """
-    roll_shift = None
+    errors = _find_errors(shaft, plane)
     if roll_sd_rad is not None and plane.intrinsics is not None:
-        roll_shift = (
-            BendingPlane.of(shaft.entry_px, shaft.arc_mm, shaft.centre_mm, plane).project(
-                tip_mm[None], roll_sd_rad
-            )[0]
-            - tip_mm
-        )
+        tip_mm = plane.to_mm(shaft.tip_px[None])
+        bending = BendingPlane.of(shaft.entry_px, shaft.arc_mm, shaft.centre_mm, plane)
+        errors = replace(errors, roll_shift_mm=(bending.project(tip_mm, roll_sd_rad) - tip_mm)[0])
+    return budget_place(plane, shaft.tip_px, errors)
+
+
+def _find_errors(shaft: Shaft, plane: PlaneMap) -> PlaceErrors:
+    """Return the errors of a shaft's end that are neither of the map nor of the roll."""
     read_px = float(np.hypot(_LEAST_READ_PX, _READ_SHARE * shaft.tip_fade_px))
-    return PlaceErrors(shaft.light_shift_mm[-1], roll_shift, read_px * plane.mm_per_px)
+    return PlaceErrors(light_shift_mm=shaft.light_shift_mm[-1], fit_mm=read_px * plane.mm_per_px)

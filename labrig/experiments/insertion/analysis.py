@@ -9,7 +9,7 @@ would have been estimated of the path that the needle took.
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -373,8 +373,8 @@ def _find_budget(end: ShaftTip, bounds: TargetErrorBounds, source: _Source) -> E
     roll's part is what the depth that is not known makes of it.
     """
     towards = bounds.off_mm / max(bounds.in_plane_mm, 1e-9)
-    budget = budget_place(source.view.plane, end.tip_px, end.errors, towards)
-    budget = budget.model_copy(update={"roll": abs(float(bounds.ray_sd_mm @ towards)) or None})
+    errors = replace(end.errors, roll_shift_mm=bounds.ray_sd_mm if bounds.ray_sd_mm.any() else None)
+    budget = budget_place(source.view.plane, end.tip_px, errors, towards)
     return budget.with_drift(source.drift * math.hypot(*end.tip_mm))
 
 

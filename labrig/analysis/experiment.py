@@ -1,14 +1,13 @@
 """The interface between the analysis engine and an experiment."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
 from labrig.analysis.engine import DEFAULT_WORKERS
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Result
-from labrig.errors import LabrigError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.vision.picture import Mask
 
@@ -54,8 +53,11 @@ class MeasuredExperiment(ABC):
         """Return a part, or its default. Raises `InputError` when it has none."""
 
     @abstractmethod
-    def blame(self, error: Exception) -> LabrigError:
-        """Return an error that its parts have raised, with file and line."""
+    def call(self, code: Callable[[], Any], more: str = "") -> Any:
+        """Return what code of its package returns; what that raises by mistake is blamed on it, with file and line.
+
+        `more` ends the hint.
+        """
 
     @property
     def protocol_model(self) -> type[ExperimentProtocol]:

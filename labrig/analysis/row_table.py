@@ -17,7 +17,7 @@ from pydantic import Field
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import Findings, Result, Summary, TextTable
-from labrig.errors import LabrigError, MeasurementRefusedError, PictureError, RecordError
+from labrig.errors import MeasurementRefusedError, PictureError, RecordError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import FrameLine, TrialStart, TrialStop
 from labrig.record.reader import Run
@@ -117,7 +117,7 @@ def analyze_rows(
     def make_table() -> RowTable:
         return RowTable(**fields, rows=tuple(rows), conclusion=_make_plain(conclude(protocol, rows)))
 
-    return Findings(_call(experiment, make_table))
+    return Findings(experiment.call(make_table))
 
 
 def _measure(
@@ -129,7 +129,7 @@ def _measure(
     found, reason = dict[str, Value].fromkeys(units), None
     try:
         picture = MeasuredPicture(image=run.read_frame(line.frame), run=run, **place)
-        found = _call(experiment, lambda: _make_plain(measure(picture, protocol), place))
+        found = experiment.call(lambda: _make_plain(measure(picture, protocol), place))
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         reason = error.message
     measured = {f"{name}_{units[name]}" if units.get(name) else name: value for name, value in found.items()}
@@ -142,16 +142,6 @@ def _make_plain(found: Row, taken: Iterable[str] = ()) -> dict[str, Value]:
         raise ValueError(f"{', '.join(sorted(again))} is a column of every picture: choose another name")
     plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in found.items()}
     return {name: None if value != value else value for name, value in plain.items()}  # noqa: PLR0124 - NaN
-
-
-def _call(experiment: MeasuredExperiment, call: Callable[[], Any]) -> Any:
-    """Call what a package has written, and blame it for what it raises."""
-    try:
-        return call()
-    except LabrigError:
-        raise
-    except Exception as error:
-        raise experiment.blame(error) from error
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:

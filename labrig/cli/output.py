@@ -240,8 +240,8 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     if len(heads) > 2 and sum(widths) + 2 * (len(widths) - 1) > room:
         height = max(map(len, heads)) + sum(2 + max(map(len, row)) for row in cells)
         for part in [cells] if height <= room else [[row] for row in cells]:
-            (first, *names), *turned = zip(heads, *part, strict=True)
-            print_table((first, *names), turned)
+            names, *turned = zip(heads, *part, strict=True)
+            print_table(names, turned)
         return
     numeric = [bool(rows) and all(isinstance(row[i], _NUMBER) for row in rows) for i in range(len(heads))]
     columns = (f"{{:{'>' if right else '<'}{width}}}" for right, width in zip(numeric, widths, strict=True))

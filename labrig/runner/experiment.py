@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache, partial
@@ -127,7 +127,7 @@ class Experiment(MeasuredExperiment):
         try:
             return _find_part(self.module, name)
         except Exception as error:
-            raise self.blame(error) from error
+            raise self._blame(error) from error
 
     def part(self, name: str) -> Any:
         """Return a part, or its default. Raises `InputError` when it has none."""
@@ -140,8 +140,20 @@ class Experiment(MeasuredExperiment):
             raise InputError(f"the experiment {self.name} has no {name}", "it cannot do this")
         return found
 
-    def blame(self, error: Exception, more: str = "") -> PluginError:
-        """Return an error that its parts have raised, with file and line; `more` ends its hint."""
+    def call(self, code: Callable[[], Any], more: str = "") -> Any:
+        """Return what code of its package returns; what that raises by mistake is blamed on it, with file and line.
+
+        `more` ends the hint. Raises `LabrigError` as it comes, and `PluginError`.
+        """
+        try:
+            return code()
+        except Exception as error:
+            is_labrigs = self.plugin.package == "labrig" or type(error).__module__.startswith("labrig.")
+            if is_labrigs or isinstance(error, LabrigError):
+                raise
+            raise self._blame(error, more) from error
+
+    def _blame(self, error: Exception, more: str = "") -> PluginError:
         frames = traceback.extract_tb(error.__traceback__)
         package = find_spec(self.module.partition(".")[0])
         root = "" if package is None else (package.origin or "").removesuffix("__init__.py")
@@ -180,15 +192,8 @@ class Experiment(MeasuredExperiment):
         AnswerIsNoError, SafetyStopError, InterruptedRunError, MachineError
             When it ends early; the caller stops the axes and closes the record.
         """
-        procedure = self.part("run")
-        try:
-            procedure(protocol, session)
-        except LabrigError:
-            raise
-        except Exception as error:
-            if self.plugin.package == "labrig" or type(error).__module__.startswith("labrig."):
-                raise
-            raise self.blame(error, f"; the record is {session.recorder.path}") from error
+        procedure = partial(self.part("run"), protocol, session)
+        self.call(procedure, f"; the record is {session.recorder.path}")
 
 
 @cache

@@ -19,7 +19,4 @@ def write_page(run: Run, result: AnyResult | None, created: datetime) -> Path:
         else experiment.part("make_page")(run, protocol, result)
     )
     kind, can_resume = experiment.title, bool(run.manifest.get("trials_planned"))
-    summary = () if result is None else experiment.part("summarise")(result.document)
-    return write_report(
-        run, protocol, page, result, created, kind=kind, can_resume=can_resume, summary=summary
-    )
+    return write_report(run, protocol, page, result, created, kind=kind, can_resume=can_resume)

@@ -21,7 +21,7 @@ from labrig.errors import MeasurementRefusedError, PictureError, RecordError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import FrameLine, TrialStart, TrialStop
 from labrig.record.reader import Run
-from labrig.text import format_count, number
+from labrig.text import number
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
@@ -145,16 +145,14 @@ def _make_plain(found: Row, taken: Iterable[str] = ()) -> dict[str, Value]:
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return the rows as a table, and what the experiment says of them."""
-    rows: Sequence[Mapping[str, Any]] = document["rows"]
+    """Return the rows as a table; a result of another kind has none."""
+    rows: Sequence[Mapping[str, Any]] = document.get("rows", ())
     hidden = {"role", "insertion_mm", "rotation_rad", "linear_mm"}
     heads = tuple(name for name in (dict.fromkeys(key for row in rows for key in row)) if name not in hidden)
     shown = [tuple(_tell(row.get(name)) for name in heads) for row in rows[:_MOST_SHOWN]]
-    told = [f"{name}  {_tell(value)}" for name, value in document["conclusion"].items()]
     more = [f"and {len(rows) - _MOST_SHOWN} more rows"] if len(rows) > _MOST_SHOWN else []
     table = (TextTable(heads, tuple(shown)),) if rows else ()
-    measured = sum(row["reason"] is None for row in rows)
-    return (*table, *more, f"{measured} of {format_count(len(rows), 'picture')} measured", *told)
+    return (*table, *more)
 
 
 def _tell(value: Any) -> Any:

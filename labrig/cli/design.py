@@ -4,7 +4,7 @@ from typing import Annotated
 
 from typer import Option
 
-from labrig.cli.output import print_json
+from labrig.cli.output import print_json, print_line
 from labrig.cli.progress import progress
 
 _RADIUS_MM, _CLEARANCE_MM = 30.0, 0.025
@@ -19,10 +19,9 @@ def design(
     Exit with 1 when neither gives the radius. Tubes, tolerances, a measured needle and the design file are keys and
     files of a run of protocols/design.yaml.
     """
-    from labrig.cli.finished_run import print_summary
     from labrig.experiments.hinge_design.analysis import study_design
     from labrig.experiments.hinge_design.protocol import DesignProtocol
-    from labrig.experiments.hinge_design.result import summarise
+    from labrig.experiments.hinge_design.result import list_findings, list_warnings
     from labrig.needle.rotation_search import DEFAULT_SEED
 
     order = DesignProtocol.model_construct(
@@ -31,5 +30,5 @@ def design(
     with progress("searching rotations", 1.0) as reporter:
         study = study_design(order, progress=lambda done, of: reporter(done / of, f"{done} of {of} hinges"))
     print_json(study.model_dump(mode="json"))
-    print_summary(summarise(dict(study)))
+    print_line("\n".join((*list_findings(study), *list_warnings(study))))
     return 0 if study.accepted else 1

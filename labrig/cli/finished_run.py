@@ -2,10 +2,10 @@
 
 import shlex
 
-from labrig.analysis.result import Summary, TextTable
+from labrig.analysis.result import TextTable
 from labrig.cli.output import failure_document, print_json, print_line, print_table, quote, say, say_failure
 from labrig.devices.needle_location import NeedleLocation
-from labrig.errors import OperatorDeclinedError
+from labrig.errors import OperatorDeclinedError, TargetMissedError
 from labrig.record.layout import FRAME_LINES, read_checksum
 from labrig.runner.experiment import Experiment
 from labrig.runner.whole_run import FinishedRun
@@ -16,9 +16,13 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
     error, result, needle = finished.outcome.error, finished.result, finished.needle
     checksum = read_checksum(finished.path)
     left_in = needle is not None and bool(needle.way_out)
+    answer = result or {}
+    says_no = answer.get("accepted") is False or answer.get("reached", True) is not True
+    # Why a target was not reached is the result, which the page tells.
+    is_told = says_no and isinstance(error, TargetMissedError) and finished.report is not None
     if needle is not None and (left_in or error is not None):
         say_where_needle_is(needle.location)
-    if error is not None:
+    if error is not None and not is_told:
         # After a no, the one next step is to continue, where that is possible.
         declined = isinstance(error, OperatorDeclinedError) and finished.can_resume
         say_failure(error.reword(error.message, "") if declined else error)
@@ -39,16 +43,19 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
         **({} if error is None else {"error": failure_document(error)}),
     })  # fmt: skip
     if result is not None and experiment is not None and finished.report is not None:
-        print_summary(experiment.part("summarise")(result))
+        for line in experiment.part("summarise")(result):
+            if isinstance(line, TextTable):
+                print_table(line.heads, line.rows)
+            else:
+                print_line(line)
         quote(finished.report)
+        if error is not None and is_told:
+            say_failure(error, is_told=True)
         print_line(f"record  {finished.path}\nreport  {finished.report}")
     if checksum is not None:
         what = "write it in your notebook; it is the SHA-256 of the run's SHA256SUMS"
         print_line(f"checksum {checksum}\n         {what}")
-    if error is not None:
-        return error.exit_code
-    result = result or {}
-    return 1 if result.get("accepted") is False or result.get("reached", True) is not True else 0
+    return int(says_no) if error is None else error.exit_code
 
 
 def _say_what_is_left(finished: FinishedRun, *, measurable: bool) -> None:
@@ -61,15 +68,6 @@ def _say_what_is_left(finished: FinishedRun, *, measurable: bool) -> None:
         say(f"what happened: {finished.report}")
     if finished.outcome.exit_status != "success" and finished.can_resume:
         say(f"continue it: labrig resume {place}")
-
-
-def print_summary(summary: Summary) -> None:
-    """Print an experiment's summary of a result."""
-    for line in summary:
-        if isinstance(line, TextTable):
-            print_table(line.heads, line.rows)
-        else:
-            print_line(line)
 
 
 def say_where_needle_is(location: NeedleLocation) -> None:

@@ -210,5 +210,4 @@ def _hint_at_help(arguments: Sequence[str]) -> str:
     words = list(takewhile(lambda word: not word.startswith("-"), arguments))
     names = (" ".join(words[:2]), " ".join(words[:1]))
     known = [name for name in names if name in COMMANDS or name in GROUPS]
-    see = " ".join(["see: labrig", *known[:1], "--help"])
-    return "labrig runs lists them" if words == ["runs", "list"] else see
+    return " ".join(["see: labrig", *known[:1], "--help"])

@@ -178,13 +178,14 @@ def print_failure(error: LabrigError) -> None:
     say_failure(error)
 
 
-def say_failure(error: LabrigError) -> None:
-    """Say each problem of a failure, and under it what to do."""
+def say_failure(error: LabrigError, *, is_told: bool = False) -> None:
+    """Say each problem of a failure, and under it what to do; only that of one that the text of the result has told."""
     problems = (
         error.problems if isinstance(error, FileFormatError) else (Problem("", error.message, error.hint),)
     )
     for problem in problems:
-        say("error: " + ": ".join(filter(None, (problem.where, problem.message))))
+        if not is_told or SPEAKS_JSON.get():
+            say("error: " + ": ".join(filter(None, (problem.where, problem.message))))
         if problem.hint:
             say(f"hint: {problem.hint}")
     page = next((page for kind, page in PAGES.items() if isinstance(error, kind)), None)
@@ -204,7 +205,7 @@ def say_page(problems: Sequence[Problem]) -> None:
 def quote(report: str | Path) -> None:
     """Print the sentences in which a page says its result."""
     text = Path(report).read_text(encoding="utf-8")
-    for sentence in re.findall(r'<p class="verdict">(.*?)</p>', text, re.DOTALL):
+    for sentence in re.findall(r'<(?:p|li) class="verdict">(.*?)</(?:p|li)>', text, re.DOTALL):
         print_line(" ".join(html.unescape(re.sub(r"<[^>]*>", "", sentence)).split()))
 
 

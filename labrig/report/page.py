@@ -20,7 +20,7 @@ from markupsafe import Markup
 
 from labrig import __version__
 from labrig.analysis.pictures import load_lens
-from labrig.analysis.result import AnyResult, Summary
+from labrig.analysis.result import AnyResult
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, RecordError
 from labrig.protocol.sections import ExperimentProtocol
@@ -74,7 +74,6 @@ def write_report(
     *,
     kind: str,
     can_resume: bool,
-    summary: Summary = (),
 ) -> Path:
     """Write `RUN/report.html`, replacing an older one, and return its path.
 
@@ -94,8 +93,6 @@ def write_report(
         Title of the experiment.
     can_resume : bool
         Whether an interrupted run of it can be continued.
-    summary : tuple
-        The result in a few lines, whose sentences open the page unless the template tells it.
 
     Raises
     ------
@@ -114,7 +111,6 @@ def write_report(
         "result": result,
         "content": None if result is None else result.content,
         "folder": "" if result is None else f"analysis/{result.path.name}",
-        "sentences": [line for line in summary if isinstance(line, str)],
         "kind": kind,
         "can_resume": can_resume,
         "written": tell_writing(created),

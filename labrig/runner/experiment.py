@@ -77,7 +77,7 @@ PLACES: Mapping[str, str] = {
 computes; `tell_values(events, truths)` tells the
 quantities of a virtual run. `TEMPLATE` has the words of the page, `make_page(run, protocol, result)` what is drawn;
 `make_films(run, content)` shows a needle's way, `make_view(run, result)` and `follow(run)` draw in the viewer, and
-`summarise(result)` says the result in a few lines.
+`summarise(result)` returns the tables of the result for a terminal, where the page's verdict follows.
 """
 
 

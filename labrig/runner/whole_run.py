@@ -232,5 +232,4 @@ def write_page(run: Run, experiment: Experiment, result: AnyResult | None) -> Pa
         SystemClock().utc(),
         kind=experiment.title,
         can_resume=bool(run.manifest.get("trials_planned")),
-        summary=() if result is None else experiment.part("summarise")(result.document),
     )

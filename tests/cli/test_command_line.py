@@ -254,6 +254,17 @@ def test_only_a_result_that_says_yes_ends_with_zero(
     assert print_finished(finished, None) == exit_code
 
 
+def test_a_target_that_was_missed_is_told_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Page and terminal use the same words; of the error only what to do is said."""
+    report, error = tmp_path / "page", errors.TargetMissedError("2 mm off", "move the target")
+    report.write_text('<p class="verdict">Not reached: <b>2 mm</b> off.</p><p>More</p>', encoding="utf-8")
+    finished = FinishedRun(tmp_path, Outcome("failed", "", error), result={"reached": False}, report=report)
+    assert print_finished(finished, find_experiment("roll-zero")) == 1
+    printed = capsys.readouterr()
+    assert printed.out.startswith("Not reached: 2 mm off.\nrecord  ")
+    assert printed.err == "hint: move the target\nsee: labrig manual steer-to-target\n"
+
+
 class Interrupting(Attendant):
     """Presses Ctrl+C when it is told that the report is written."""
 

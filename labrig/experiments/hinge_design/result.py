@@ -1,11 +1,11 @@
 """The result of a design: what to cut for a steering radius, by equation (3) and on our own contour."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import pandas as pd
 
-from labrig.analysis.result import Result, Summary
+from labrig.analysis.result import Result
 from labrig.needle.design_search import STEEPEST_CUT_DEG
 from labrig.needle.equations import EQUATION_3, RadiusTolerance, RotationPlane
 from labrig.needle.rotation_search import GridPoint
@@ -87,13 +87,6 @@ class DesignResult(Result, DesignStudy):
 
 
 RunResult = DesignResult
-
-
-def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return both answers in sentences, with what limits them."""
-    kept = {key: value for key, value in document.items() if key in DesignStudy.model_fields}
-    study = DesignStudy.model_validate(kept, strict=False)
-    return *list_findings(study), *list_warnings(study)
 
 
 def list_findings(study: DesignStudy) -> Iterator[str]:

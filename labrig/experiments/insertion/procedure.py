@@ -270,7 +270,11 @@ class Insertion:
         self._record_plan(state, None)
         self.find_markers()
         if command.stop is not None:
-            hint = "move the target" if "the target lies" in command.detail else "move target or obstacles"
+            hint = "move the target"
+            if "the target lies" not in command.detail:
+                hint += " or an obstacle"
+            if "no path found" in command.detail:
+                hint += ", or allow more arcs or a longer path"
             raise TargetMissedError(f"there is no path: {command.detail}", hint, reason="no_path")
         self._warn(state)
         return state, command

@@ -211,7 +211,7 @@ RunResult = InsertionResult
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return a row for each insertion, what its interval in space consists of, and how many reached the target."""
+    """Return a row for each insertion, what its interval in space consists of, and what the page's verdict omits."""
     trials = document["insertions"]
     rows = tuple(
         (
@@ -227,21 +227,17 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         )
         for trial in trials
     )
-    arrived = f"{document['arrived']} of {document['made']} reached the target"
     measured = len(trials) > 1 or any(trial["target_error_mm"] is not None for trial in trials)
-    in_plane = sum(trial["reached"] is None for trial in trials)
     noise = describe_sighting_noise(document.get("sighting_noise"))
     changed = not document["overrides"] and any(trial["as_recorded"] is False for trial in trials)
     lines = (
+        TextTable(_HEADS, rows) if measured else None,
         measured
         and "error mm: by the shaft in the last picture; in space: by that, by the estimate, or by both",
-        f"{arrived}, {in_plane} in the plane only" if in_plane else arrived,
-        noise and f"{noise.partition(': ')[2]} (estimator.observation_sd_mm, policy.backlash_mm)",
-        "this labrig estimates otherwise than the one that made the run, with the same settings"
-        if changed
-        else None,
+        noise and f"{noise} (estimator.observation_sd_mm, policy.backlash_mm)",
+        changed and "this labrig estimates otherwise than the one that made the run, with the same settings",
     )
-    return *([TextTable(_HEADS, rows)] if measured else ()), *filter(None, lines)
+    return tuple(line for line in lines if line)
 
 
 def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:

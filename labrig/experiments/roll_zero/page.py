@@ -12,7 +12,7 @@ from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult, TrialOrigin
 from labrig.experiments.roll_zero.analysis import find_last_origin
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
-from labrig.experiments.roll_zero.result import RollZeroResult
+from labrig.experiments.roll_zero.result import RollZeroResult, describe_torsion
 from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
@@ -41,6 +41,7 @@ def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZ
         "figure": _draw_figure(content, residuals_mm, "roll-zero") if content.rolls_rad else None,
         "shots": _list_shots(run, content, plane, protocol.roll_zero.length_mm),
         "degrees": math.degrees,
+        "describe_torsion": describe_torsion,
         "out_of_plane_mm": lambda length_mm: _leave_plane_mm(length_mm, protocol.needle.design_radius_mm),
     }
     return Page(TEMPLATE, plane, shown)

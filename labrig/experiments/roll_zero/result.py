@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import pandas as pd
 
-from labrig.analysis.result import Result, Sentinel, Summary, TrialOrigin, make_origin_table, tabulate
+from labrig.analysis.result import Result, Sentinel, TrialOrigin, make_origin_table, tabulate
 from labrig.protocol.model import Model
 from labrig.steering.torsion_fit import TorsionFit
 from labrig.text import number
@@ -62,27 +62,14 @@ class RollZeroResult(Result):
         return make_origin_table(self.origins) | holes
 
 
-def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return the zero and the torsion with their uncertainties, or why there are none."""
-    fit, torsion = document["fit"], (document.get("torsion") or {}).get("fit")
-    if fit is None or not document["accepted"]:
-        return (f"Not certified: {'; '.join(document['reasons'])}.",)
-    zero, sd = (number(math.degrees(fit[key]), 2).replace("-", "−") for key in ("zero_rad", "sd_rad"))
-    found = (
-        f"Needle {document['needle_id']} bends towards −y where the rotation axis stands at {zero} degrees, "
-        f"SD {sd} degrees."
-    )
-    return (found,) if torsion is None else (found, describe_torsion(torsion))
-
-
-def describe_torsion(fit: Mapping[str, Any]) -> str:
-    """Return the lag of the bevel in a sentence, from the fit in a result."""
-    lag = fit["lag"]
-    best_rad = lag["lag_rad"] + lag["lag_rad_per_mm"] * lag["best_mm"]
-    grows = abs(lag["lag_rad_per_mm"]) > _SEEN_SD * lag["per_mm_sd_rad"]
-    if not grows and abs(best_rad) <= _SEEN_SD * lag["best_sd_rad"]:
-        return f"No lag of its bevel was seen (below {math.degrees(_SEEN_SD * fit['sd_rad']):.2g} degrees)."
-    values = (lag["lag_rad"], lag["lag_rad_per_mm"], fit["sd_rad"])
+def describe_torsion(fit: TorsionFit) -> str:
+    """Return the lag of the bevel in a sentence."""
+    lag = fit.lag
+    best_rad = lag.lag_rad + lag.lag_rad_per_mm * lag.best_mm
+    grows = abs(lag.lag_rad_per_mm) > _SEEN_SD * lag.per_mm_sd_rad
+    if not grows and abs(best_rad) <= _SEEN_SD * lag.best_sd_rad:
+        return f"No lag of its bevel was seen (below {math.degrees(_SEEN_SD * fit.sd_rad):.2g} degrees)."
+    values = (lag.lag_rad, lag.lag_rad_per_mm, fit.sd_rad)
     behind, per_mm, sd = (number(math.degrees(value)) for value in values)
     return (
         f"Its bevel stays behind the rotation axis by {behind} degrees on either side, and {per_mm} degrees for each "

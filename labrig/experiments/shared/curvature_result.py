@@ -16,7 +16,7 @@ from labrig.analysis.result import (
     tabulate,
 )
 from labrig.protocol.model import Model
-from labrig.text import format_count, interval, number
+from labrig.text import interval, number
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 
 
@@ -101,7 +101,7 @@ _HEADS = ("specimen", "gelatin %", "n", "refused", "radius mm", "SD mm", "95 % i
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return the paper's table, a row for each needle and gel; for imported pictures, how many were measured."""
+    """Return the paper's table, a row for each needle and gel; imported pictures have none."""
     groups = document["specimens"]
     rows = tuple(
         (
@@ -115,7 +115,4 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         )
         for group in groups
     )
-    if rows:
-        return TextTable(_HEADS, rows), f"mean of the means  {number(document['mean_radius_mm'])} mm"
-    measured = [bool(picture["accepted"]) for picture in document["measurements"]]
-    return (f"a radius is stated in {sum(measured)} of {format_count(len(measured), 'picture')}",)
+    return (TextTable(_HEADS, rows),) if rows else ()

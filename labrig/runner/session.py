@@ -8,7 +8,7 @@ question, `labrig pause`) to the next safe point, to an event of the record, to 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -560,7 +560,7 @@ class Session:
             self.rig.needle.mark_in_tissue(self.run_name)
         self.dialogue.calls += 1
         setpoint = self.rig.start_move(axis_name, position, speed)
-        self.record(Move(axis=axis_name, **asdict(setpoint)))
+        self.record(Move(axis=axis_name, **vars(setpoint)))
 
     def read_states(self) -> Mapping[str, DriveReading]:
         """Read every axis now, record it, and return it. Raises as `wait_until`."""

@@ -29,30 +29,31 @@ _PLACES = 16
 _CORRECTED_SHARE = 0.05
 # The needle follows the old path for this length if that would miss and no new path is found.
 _PATIENCE_MM = 15.0
-# Rounds of a thorough search in which a better path is sought than the first, which has few arcs: it takes a quarter of
-# a second before the needle moves, and what it finds costs up to a sixth less.
-_IMPROVING_ROUNDS = 6
 # In the last millimetres: the cost of a millimetre of miss against that of the turns.
 _FINAL_ERROR_PER_MM = 40.0
 
 
-def replan(state: SteeringState, occasion: Occasion, settings: SteeringSettings) -> SteeringState:
-    """Return the state with a new path, with the old path if it will do, or with the reason why there is none."""
+def replan(
+    state: SteeringState, occasion: Occasion, settings: SteeringSettings, known: FloatArray | None = None
+) -> SteeringState:
+    """Return the state with a new path, with the old path if it will do, or with the reason why there is none.
+
+    `known` is a path (n, 2) that may do at the start, in the place of the old one.
+    """
     tried = replace(state, why=occasion, planned_at_mm=state.insertion_mm, sought=None)
     stands = occasion == "start" or state.sought is not None
     try:
         problem = pose_problem_ahead(state, settings)
     except InputError as error:
         return replace(tried, refusal=error.message) if stands else replace(tried, sought=occasion)
-    mends = settings.method == "best" and state.plan.found  # the paper's planner compares no paths
-    present = _psi_ahead(state, settings) if mends else None
-    plan = plan_with_clearance(problem, settings, "thorough" if stands else "quick", present)
-    if not plan.found:
-        if _is_still_good(state, settings):
-            return tried
-        if not stands:
-            return replace(tried, sought=occasion)
-    return _follow(tried, plan, problem, settings) if plan.found else replace(tried, refusal=plan.reason)
+    present = _psi_ahead(state, settings) if state.plan.found else known
+    thorough: Effort = "best" if known is None else "thorough"
+    plan = plan_with_clearance(problem, settings, thorough if stands else "quick", present)
+    if plan.found:
+        return _follow(tried, plan, problem, settings)
+    if _is_still_good(state, settings):
+        return tried
+    return replace(tried, refusal=plan.reason) if stands else replace(tried, sought=occasion)
 
 
 def predict_miss_and_gap(state: SteeringState, settings: SteeringSettings) -> tuple[float, float]:
@@ -137,8 +138,7 @@ def _plan(
     if np.linalg.norm(around.target_mm) <= settings.policy.final_mm:
         psi = find_nearest_approach(around, _FINAL_ERROR_PER_MM)
         return Plan(found=False, reason="blocked near the target") if psi is None else make_plan(psi, around)
-    rounds = _IMPROVING_ROUNDS if effort == "thorough" else 1
-    return plan_path(problem, settings.method, effort, present, rounds)
+    return plan_path(problem, settings.method, effort, present)
 
 
 def _follow(

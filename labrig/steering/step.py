@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from labrig.needle.kinematics import FloatArray
 from labrig.steering.policy import Halt, SteeringCommand, SteeringSettings, StopReason, TipSighting
 from labrig.steering.replanning import plan_with_clearance, pose_problem_ahead, predict_miss_and_gap, replan
 from labrig.steering.state import (
@@ -36,15 +37,19 @@ _ARRIVAL_MM = 0.05
 _DEVIATION_SHARE, _NEAR_DEVIATION_MM = 0.02, 0.2
 
 
-def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:
+def start_steering(
+    settings: SteeringSettings, known: FloatArray | None = None
+) -> tuple[SteeringState, SteeringCommand]:
     """Plan the path before the needle moves.
+
+    `known` is a path (n, 2) to the same target from nearly there, columns (theta, delta), as in `plan_path`.
 
     Raises
     ------
     InputError
         For a problem that cannot be planned.
     """
-    return _command_next(replan(begin_steering(settings), "start", settings), settings)
+    return _command_next(replan(begin_steering(settings), "start", settings, known), settings)
 
 
 def step_steering(

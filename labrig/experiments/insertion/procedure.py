@@ -341,7 +341,9 @@ class Insertion:
         if origin is not None and not origin.accepted:
             return state, SteeringCommand(0.0, 0.0, 0.0, "sheath_astray", (origin.reason or "").rstrip("."))
         self.settings = start_at(self.settings, origin)
-        state, command = self.session.compute(partial(start_steering, self.settings))
+        # Markers may have moved the target since.
+        known = None if self.markers or not state.plan.arcs else state.plan.psi
+        state, command = self.session.compute(partial(start_steering, self.settings, known))
         found = (None, "markers") if origin is None else (origin.frame, "origin")
         self._record_plan(state, *found)
         return state, command

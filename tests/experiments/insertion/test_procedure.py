@@ -123,7 +123,9 @@ def analyse(run: Run, *overrides: str) -> InsertionResult:
 @pytest.fixture(scope="module")
 def arrived(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, Run]:
     """An insertion that reached its target."""
-    return conduct_insertion(tmp_path_factory.mktemp("insertion"), insertion())
+    return conduct_insertion(
+        tmp_path_factory.mktemp("insertion"), insertion("target.position_mm=[0,-5.7,40]")
+    )
 
 
 @pytest.mark.processors

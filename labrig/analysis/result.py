@@ -39,7 +39,7 @@ CentreLines: TypeAlias = Mapping[int, CentreLine]
 """By the number of the frame."""
 _BLANK: Mapping[Any, Any] = {Point: (None, None), ErrorBudget: ErrorBudget().model_dump()}
 """What stands in a table for a value that is not known, so that it has its columns."""
-_MOST_ROWS = 20
+_MOST_CELLS = 300
 _AGAIN = "make a new result with `labrig reanalyze`"
 
 
@@ -250,7 +250,7 @@ def list_values(content: Result) -> dict[str, Quantity]:
     """Return what a result states of the whole run, and the cells of its short tables."""
     values = list_quantities(content)
     for name, table in content.tables.items():
-        if len(table) <= _MOST_ROWS:
+        if table.size <= _MOST_CELLS:
             for number, row in enumerate(
                 table.astype(object).where(table.notna(), None).to_dict("records"), 1
             ):

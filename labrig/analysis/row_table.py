@@ -28,7 +28,7 @@ from labrig.vision.plane import PlaneMap
 Value = float | int | bool | str | None
 Row = Mapping[str, Value]
 
-_OF_THE_PICTURE = ("trial", "frame", "role", "insertion_mm", "rotation_rad", "linear_mm")
+OF_THE_PICTURE = ("trial", "frame", "role", "insertion_mm", "rotation_rad", "linear_mm")
 _MOST_SHOWN = 40
 
 
@@ -125,7 +125,7 @@ def _measure(
 ) -> dict[str, Value]:
     """Return the row of a picture; what was measured is named with its unit."""
     measure, units = experiment.part("measure"), experiment.find_part("UNITS") or {}
-    place = {name: getattr(line, name) for name in _OF_THE_PICTURE}
+    place = {name: getattr(line, name) for name in OF_THE_PICTURE}
     found, reason = dict[str, Value].fromkeys(units), None
     try:
         picture = MeasuredPicture(image=run.read_frame(line.frame), run=run, **place)

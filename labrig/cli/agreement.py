@@ -14,19 +14,19 @@ _VERDICTS = {
 _MOST_QUANTITIES, _WIDEST = 3, 100
 
 
-def print_agreement(found: Any, place: str, names: tuple[str, str], headline: str = "") -> None:
-    """Print the first difference, both values under these names, and the verdict with the largest, or a headline."""
-    print_line(headline or f"{found.verdict}: {_VERDICTS[found.verdict]}")
+def print_agreement(found: Any, place: str, names: tuple[str, str]) -> None:
+    """Print the first difference, both values under these names, and the verdict with the largest."""
+    print_line(f"{found.verdict}: {_VERDICTS[found.verdict]}")
     first = found.first
     if first is not None:
         print_line(f"  first {place}: {label_key(first.path)}")
         for name, value in zip(names, (first.recorded, first.now), strict=True):
             shown = round(value, 6) if isinstance(value, float) else value
             print_line(f"  {name}: {shorten(str(shown), _WIDEST)}")
-        if first.tolerance is not None and not headline:
+        if first.tolerance is not None:
             print_line(f"  they differ by {first.size:.3g}; {first.tolerance:.3g} is allowed")
     by_share = sorted(found.shares.items(), key=lambda item: -item[1])
-    for quantity, share in () if headline else by_share[:_MOST_QUANTITIES]:
+    for quantity, share in by_share[:_MOST_QUANTITIES]:
         size, in_sd = found.largest[quantity], found.in_sd.get(quantity)
         part = f"{share:.2g} of its tolerance" if in_sd is None else f"{in_sd:.2g} of its standard deviation"
         print_line(f"  largest difference of {label_key(quantity)}: {size:.2g}, {part}")

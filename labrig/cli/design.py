@@ -7,12 +7,10 @@ from typer import Option
 from labrig.cli.output import print_json, print_line
 from labrig.cli.progress import progress
 
-_RADIUS_MM, _CLEARANCE_MM = 30.0, 0.025
-
 
 def design(
-    radius_mm: Annotated[float, Option(help="Wanted steering radius.")] = _RADIUS_MM,
-    clearance_mm: Annotated[float, Option(help="Width of the laser's cut.")] = _CLEARANCE_MM,
+    radius_mm: Annotated[float, Option(help="Wanted steering radius.")] = 30.0,
+    clearance_mm: Annotated[float, Option(help="Width of the laser's cut.")] = 0.025,
 ) -> int:
     """Answer by the paper's equation (3) and by our own search, which takes about half a minute on two cores.
 

@@ -65,6 +65,9 @@ def export(
     print_json({"run": str(run), "out": str(place), "files": files, "ok": not damage})
     for file in [""] if is_copy else files:
         print_line(f"{place}/{file}")
+    found = {Path(file).stem: file for file in files}
+    for name in [name for name in ("measurements", "insertions", "rows", "result") if name in found][:1]:
+        print_line(f"open {found[name]} first: it has what was measured")
     return 0 if report_damage(damage) is None else RecordError.exit_code
 
 

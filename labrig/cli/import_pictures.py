@@ -26,15 +26,6 @@ from labrig.cli.options import (
 from labrig.cli.output import print_json, print_line, say
 from labrig.errors import InputError, PictureError
 
-_WINDOW: Mapping[str, float] = {
-    "window_start_mm": 4.0,
-    "window_end_mm": 2.0,
-    "min_window_mm": 15.0,
-    "max_radius_sigma_mm": 0.5,
-    "max_radius_sigma_percent": 2.0,
-}
-"""What `labrig reanalyze --set analysis.KEY=` says otherwise."""
-
 
 def import_(
     folder: Annotated[
@@ -54,11 +45,13 @@ def import_(
     from labrig.experiments.imported_pictures.protocol import ImportProtocol
     from labrig.protocol.yaml_file import validate_values
     from labrig.record.json_lines import plain_text
+    from labrig.vision.curvature import CurvatureSettings
 
     found = _find_pictures(folder)
     load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
     place, rows = find_runs_dir(runs_dir), []
     given = {"intrinsics.json": intrinsics, "plane.json": plane}
+    settings = CurvatureSettings(sheath_diameter_mm=None, max_radius_sigma_percent=2.0)
     calibration = {name: path for name, path in given.items() if path is not None}
     for source, pictures in found.items():
         values = {
@@ -71,7 +64,7 @@ def import_(
             "scale": None
             if px_per_mm is None
             else {"px_per_mm": px_per_mm, "origin_px": origin_px, "insertion": insertion},
-            "analysis": _WINDOW,
+            "analysis": settings.model_dump(exclude={"needle_diameter_mm"}, exclude_none=True),
         }
         protocol = validate_values(values, "labrig import", ImportProtocol)
         rows.append({"folder": str(source), **_import(source, pictures, protocol, calibration, place)})

@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import copy_context
 from functools import cache, wraps
-from itertools import takewhile
 from typing import Annotated, Any
 
 import typer
@@ -171,7 +170,9 @@ def _run_command(arguments: Sequence[str], app: typer.Typer) -> int:
         failure: LabrigError = InterruptedRunError(f"interrupted by {str(interruption) or 'SIGINT'}")
     except typer.TyperException as error:
         # Words that the validators of typer put before a message of its own.
-        failure = InputError(error.format_message().replace("Value error, ", "", 1), _hint_at_help(arguments))
+        known = (name for name in (*COMMANDS, *GROUPS) if [*arguments][: len(name.split())] == name.split())
+        hint = " ".join(("see: labrig", *sorted(known, key=len)[-1:], "--help"))
+        failure = InputError(error.format_message().replace("Value error, ", "", 1), hint)
     except LabrigError as error:
         # A bug in another process comes with its traceback as a note.
         failure = (
@@ -203,11 +204,3 @@ def _invoke(app: typer.Typer, arguments: Sequence[str]) -> int:
         # typer exits if the reader of our output has gone, as in `labrig runs | head`: nothing is wrong.
         return 0
     return status if isinstance(status, int) else 0
-
-
-def _hint_at_help(arguments: Sequence[str]) -> str:
-    """Return the command that prints the help of the mistyped command."""
-    words = list(takewhile(lambda word: not word.startswith("-"), arguments))
-    names = (" ".join(words[:2]), " ".join(words[:1]))
-    known = [name for name in names if name in COMMANDS or name in GROUPS]
-    return " ".join(["see: labrig", *known[:1], "--help"])

@@ -31,7 +31,7 @@ def manual(
     built = SITE / pages[name].relative_to(SOURCE).with_suffix(".html")
     page = built if built.exists() else pages[name]
     print_json({"page": str(page)})
-    print_line(str(page))
+    print_line(f"page: {page}; read it in {'a browser' if page == built else 'an editor'}")
     if page == built and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         import webbrowser
 

@@ -230,15 +230,20 @@ def print_checks(checks: Sequence[Mapping[str, Any]]) -> int:
     return 1
 
 
-def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]], *, cuts_last: bool = False) -> None:
     """Print a table of text, nothing with --json.
 
-    If the terminal is too narrow for it, print it turned, a row for each head, or else so for each row alone.
+    If the terminal is too narrow for it, cut its last column if that is asked for and leaves some of it; otherwise
+    print it turned, a row for each head, or else so for each row alone.
     """
     cells = [[format_cell(value) for value in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
-    room = shutil.get_terminal_size().columns if sys.stdout.isatty() else math.inf
-    if len(heads) > 2 and sum(widths) + 2 * (len(widths) - 1) > room:
+    room = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    kept = room - sum(widths[:-1]) - 2 * (len(widths) - 1)
+    if cuts_last and _LEAST_COLUMNS <= kept < widths[-1]:
+        cells = [[*row, last if len(last) <= kept else f"{last[: kept - 1]}…"] for *row, last in cells]
+        widths[-1] = kept
+    elif len(heads) > 2 and kept < widths[-1]:
         height = max(map(len, heads)) + sum(2 + max(map(len, row)) for row in cells)
         for part in [cells] if height <= room else [[row] for row in cells]:
             names, *turned = zip(heads, *part, strict=True)
@@ -249,7 +254,7 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     line = "  ".join(columns)
     if not SPEAKS_JSON.get():  # one call: there may be thousands of rows
         text = "\n".join(line.format(*row).rstrip() for row in (heads, *cells))
-        typer.echo(text if room == math.inf else _wrap(text, sys.stdout, 2))
+        typer.echo(text if room == sys.maxsize else _wrap(text, sys.stdout, 2))
 
 
 def format_cell(value: object) -> str:

@@ -103,11 +103,11 @@ def _show(path: Path, outcome: Any) -> Row:
         found = compare_results(old.document, new)
         first = found.first
         frame = None if first is None else find_frame(first.path, new) or find_frame(first.path, old.document)
-        same = old.content.overrides == outcome.content.overrides
-        headline = "" if same else "the settings differ, and so may the numbers"
-        print_agreement(
-            found, "of all" if frame is None else f"in frame {frame}", ("before", "now"), headline
-        )
+        place = "of all" if frame is None else f"in frame {frame}"
+        if old.content.overrides == outcome.content.overrides:
+            print_agreement(found, place, ("before", "now"))
+        elif first is not None:
+            print_line(f"other settings, other numbers; first {place}: {label_key(first.path)}")
         row |= {"verdict": str(found.verdict), "largest": found.largest}
         row["first_difference"] = None if first is None else {**asdict(first), "frame": frame}
     say(f"compare and export take the new result from now on; labrig report {path.name} writes its page")

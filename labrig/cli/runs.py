@@ -1,7 +1,8 @@
 """`labrig runs`: lists and searches the runs of a folder, shows one, verifies runs, and annotates them."""
 
 import getpass
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -41,26 +42,28 @@ def list_(context: typer.Context, runs_dir: RunsDirOption = None, where: WhereOp
         say(f"no runs in {folder}, {choose_runs_dir(runs_dir).reason}; {first}")
 
 
-_HEADS = ("run", "experiment", "exit status", "trials", "verdict", "notes", "tags")
-_ALWAYS = 4
-"""So many of the columns stand there even if all their cells are empty."""
-
-
 def _print_runs(listed: Sequence[Any]) -> None:
     rows = [
         (
             summary.run.name,
-            summary.protocol,
             summary.exit_status,
             f"{summary.trials_done} of {summary.trials_planned}" if summary.trials_planned else None,
-            summary.verdict,
-            summary.notes or None,
-            ", ".join(summary.tags) or None,
+            ", ".join(filter(None, _tell_about(summary))) or None,
         )
         for summary in listed
     ]
-    kept = [n for n in range(len(_HEADS)) if n < _ALWAYS or any(row[n] for row in rows)]
-    print_table([_HEADS[n] for n in kept], [[row[n] for n in kept] for row in rows])
+    print_table(("run", "exit status", "trials", "about"), rows, cuts_last=True)
+
+
+def _tell_about(summary: Any) -> Iterator[str | None]:
+    """Yield what tells a run from others: what its name leaves out, --set by the ends of keys, --seed, and notes."""
+    protocol, seed = summary.sources.get("protocol") or summary.protocol or "", summary.sources.get("seed")
+    yield summary.verdict
+    yield Path(protocol).stem if Path(protocol).stem not in summary.run.name else None
+    yield from (re.sub(r"^[\w.]*\.", "", setting) for setting in summary.sources.get("settings", ()))
+    yield None if seed is None else f"seed={seed}"
+    yield from summary.tags
+    yield format_count(summary.notes, "note") if summary.notes else None
 
 
 _TOLD = ("experiment", "title", "exit_status", "reason", "started", "ended", "trials_planned", "operator")

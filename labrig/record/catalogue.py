@@ -1,13 +1,13 @@
 """Lists the runs of a folder, and finds those that fit a condition.
 
-A list reads the first kilobyte of each manifest, which holds what is shown, and the notes; it verifies nothing. A
+A list reads the beginning of each manifest, which holds what is shown, and the notes; it verifies nothing. A
 condition reads whole manifests, and results only where it names what no manifest holds.
 """
 
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from labrig.record.layout import ANALYSIS, EVENT_LINES, MANIFEST, NOTES, PROTOCO
 from labrig.record.notes import Annotations, read_annotations
 from labrig.record.results import list_results, read_result
 
-_SHOWN_BYTES = 1024
+_SHOWN_BYTES = 2048
 # Hashes, lists of all pictures and old tracks differ between runs, but nobody searches for them.
 _NOT_SEARCHED = frozenset(
     [
@@ -65,6 +65,8 @@ class RunSummary:
         The operator's: good, doubtful or bad; None if there is none.
     notes : int
         How many notes it has.
+    sources : mapping
+        What it was made from: the files `protocol` and `rig`, `settings` of `--set`, `seed` of `--seed`.
     """
 
     run: Path
@@ -76,6 +78,7 @@ class RunSummary:
     tags: tuple[str, ...] = ()
     verdict: str | None = None
     notes: int = 0
+    sources: Mapping[str, Any] = field(default_factory=dict)
 
     def document(self) -> dict[str, object]:
         """Return it as JSON."""
@@ -133,8 +136,8 @@ def _find_runs(folders: list[Path], condition: Condition) -> list[RunSummary]:
         manifest = _read_manifest(run, MAX_DOCUMENT_BYTES)
         summary = _summarise(run, manifest)
         fields = manifest_fields(manifest, _read_notes(run)) if manifest else {}
-        fields |= {"run": [run.name], "protocol": [summary.protocol], "exit_status": [summary.exit_status]}
-        fields["trials_done"] = [summary.trials_done]
+        shown = ("protocol", "exit_status", "trials_done")
+        fields |= {"run": [run.name], **{name: [getattr(summary, name)] for name in shown}}
         if not all(find_values(fields, comparison.name) for comparison in condition.comparisons):
             fields |= _read_result_fields(run)
         known |= fields
@@ -201,6 +204,7 @@ def _summarise(run: Path, manifest: Mapping[str, Any]) -> RunSummary:
         notes.tags,
         notes.verdict,
         len(notes.notes),
+        manifest.get("sources") or {},
     )
 
 

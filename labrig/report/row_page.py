@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from labrig.analysis.pictures import PLANE_FILE, load_plane_map
 from labrig.analysis.result import AnalysisResult
-from labrig.analysis.row_table import RowTable
+from labrig.analysis.row_table import OF_THE_PICTURE, RowTable
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, svg
@@ -20,7 +20,6 @@ from labrig.report.pictures import THUMBNAIL, photograph
 
 TEMPLATE = Path(__file__).parent / "templates" / "rows.html.jinja"
 
-_OF_THE_PICTURE = ("trial", "frame", "role", "insertion_mm", "rotation_rad", "linear_mm", "reason")
 _MOST_PICTURES = 24
 
 
@@ -44,7 +43,7 @@ def _list_quantities(content: RowTable) -> Iterator[str]:
     """Yield the measured columns that hold numbers."""
     for name in content.columns:
         values = [row.get(name) for row in content.rows]
-        if name not in _OF_THE_PICTURE and any(isinstance(value, float) for value in values):
+        if name not in OF_THE_PICTURE and any(isinstance(value, float) for value in values):
             yield name
 
 

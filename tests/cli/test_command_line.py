@@ -113,7 +113,7 @@ def test_pages_of_the_manual_are_listed_and_found(labrig: Labrig) -> None:
     listed = [line.split(maxsplit=1) for line in labrig("manual").out.splitlines()[1:]]
     assert listed == [[name, read_title(page)] for name, page in find_pages().items()]
     for asked in (["run-format"], ["format", "run"]):
-        assert Path(labrig("manual", *asked).out.strip()) == find_pages()["run-format"]
+        assert labrig("manual", *asked).out.startswith(f"page: {find_pages()['run-format']}; read it in ")
 
 
 @pytest.fixture

@@ -123,10 +123,8 @@ def test_the_headline_names_a_result_that_was_chosen_or_has_other_settings(
         write_report(run, result=number).read_text(encoding="utf-8").split("</header>")[0]
         for number in (None, 1)
     )
-    assert (
-        "with settings changed after the run: <code>analysis.window_start_mm=5</code>. The one before"
-        in newest
-    )
+    told = "with settings changed after the run: <code>analysis.window_start_mm=5</code>. The one before"
+    assert told in newest
     assert '<span class="pill doubtful">complete, judged doubtful</span>' in newest
     assert ("Result 1 is shown; the newest is 2." in first, "settings changed" in first) == (True, False)
     with pytest.raises(InputError):

@@ -211,7 +211,7 @@ RunResult = InsertionResult
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return a row for each insertion, what its interval in space consists of, and what the page's verdict omits."""
+    """Return a row for each insertion, unless none was measured, and what the page's verdict omits."""
     trials = document["insertions"]
     rows = tuple(
         (
@@ -227,7 +227,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         )
         for trial in trials
     )
-    measured = len(trials) > 1 or any(trial["target_error_mm"] is not None for trial in trials)
+    measured = any(trial["target_error_mm"] is not None for trial in trials)
     noise = describe_sighting_noise(document.get("sighting_noise"))
     changed = not document["overrides"] and any(trial["as_recorded"] is False for trial in trials)
     lines = (

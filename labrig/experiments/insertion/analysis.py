@@ -177,6 +177,8 @@ class _Insertion:
         self.markers = FollowedMarkers.of(protocol, self.source.view.plane)
         self.begun = self.state = begin_steering(self.settings)
         self.steps, self.seen = list[InsertionStep](), list[TipSighting | float]()
+        frames = (line for line in self.source.run.frame_lines if line.trial == start.trial)
+        self.inserted_mm = max((frame.insertion_mm or 0.0 for frame in frames), default=0.0)
 
     def follow(self) -> None:
         """Find tip and markers again in each picture, and estimate the tip's pose with the recorded turns."""
@@ -212,7 +214,7 @@ class _Insertion:
                 t_s=event.t_s,
                 **describe_sighting(fix, seen_mm, predicted[:3, 3], self.state),
                 clearance_mm=_find_clearance_mm(tip.position_mm, self.settings.problem),
-                **_find_truth(self.true.path_in_plane_mm, event.depth_mm),
+                **_find_truth(self.true.path, event.depth_mm, self.inserted_mm),
             )
         )
 
@@ -256,7 +258,7 @@ class _Insertion:
             **({} if bounds is None else bounds.describe()),
             template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
             **self.true.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
-            true_path_mm=_thin_path(self.true.path_in_plane_mm),
+            true_path_mm=_thin_path(self.true.path[:, 1:]),
             missed_sightings=sum(not step.believed for step in steps),
             mean_nis=float(np.mean(nis)) if nis else None,
             steps=tuple(steps),
@@ -347,15 +349,19 @@ def _list_marker_steps(markers: FollowedMarkers) -> Iterator[MarkerStep]:
             yield MarkerStep(frame=event.frame, depth_mm=event.depth_mm, **fields)
 
 
-def _find_truth(path_mm: FloatArray, depth_mm: float) -> dict[str, Any]:
-    """Return the true place and heading at an insertion length on a path (N, 2); None for both without a path."""
+def _find_truth(path_mm: FloatArray, depth_mm: float, inserted_mm: float) -> dict[str, Any]:
+    """Return the true place and heading at a depth on a path (N, 3) that took so much needle; None without a path.
+
+    Of what is pushed in, the tip stays behind by the slip.
+    """
     if len(path_mm) < 2:
         return {"true_mm": None, "true_heading_rad": None}
     rises_mm = np.diff(path_mm, axis=0)
     arc_mm = np.concatenate(([0.0], np.cumsum(np.linalg.norm(rises_mm, axis=1))))
-    at = min(max(int(np.searchsorted(arc_mm, depth_mm)), 1), len(rises_mm)) - 1
-    place_mm = tuple(float(np.interp(depth_mm, arc_mm, along)) for along in path_mm.T)
-    return {"true_mm": place_mm, "true_heading_rad": float(np.arctan2(*rises_mm[at]))}
+    at_mm = depth_mm * arc_mm[-1] / inserted_mm
+    at = min(max(int(np.searchsorted(arc_mm, at_mm)), 1), len(rises_mm)) - 1
+    place_mm = tuple(float(np.interp(at_mm, arc_mm, along)) for along in path_mm.T[1:])
+    return {"true_mm": place_mm, "true_heading_rad": float(np.arctan2(*rises_mm[at, 1:]))}
 
 
 def _find_clearance_mm(position_mm: FloatArray, problem: PlanProblem) -> float | None:

@@ -228,6 +228,6 @@ class TrueInsertion(TruthLine):
     true_min_clearance_mm: float | None = None
 
     @property
-    def path_in_plane_mm(self) -> FloatArray:
-        """The path, (N, 2), as (y, z)."""
-        return np.asarray(self.path_mm, dtype=np.float64).reshape(-1, 3)[:, 1:]
+    def path(self) -> FloatArray:
+        """The path, (N, 3) [mm]."""
+        return np.asarray(self.path_mm, dtype=np.float64).reshape(-1, 3)

@@ -13,7 +13,7 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 
-from labrig.analysis.groups import Unit, choose_unit, group_rows
+from labrig.analysis.groups import Unit, choose_unit, group_rows, name_policy
 from labrig.analysis.measurements import LeftOut, Measured, UsedRun, join_measurements
 from labrig.analysis.pictures import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.statistics import (
@@ -29,6 +29,7 @@ from labrig.protocol.model import Model
 from labrig.record.difference import find_differences
 from labrig.record.json_lines import flatten
 from labrig.record.layout import RIG
+from labrig.steering.parameters import PAPER_SECTIONS
 from labrig.text import format_count, split_key, split_quantity, tell_value
 
 DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
@@ -38,6 +39,7 @@ _MOST_HINTED = 15
 _MOST_KEYS = 2
 _TALK = frozenset({"title", "notes", "operator"})
 NAMING = _TALK | {"seed", "specimen", "specimens", "needle_id"}
+_OF_POLICY = {f"{section}.{key}" for section, values in PAPER_SECTIONS.items() for key in values}
 _INTERVALS = ("ci95_low", "ci95_high", "sigma_")
 
 
@@ -318,15 +320,20 @@ def _note_shared(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[st
         if shared and counted["group"].duplicated().any():
             yield (
                 f"{format_count(shared, noun)} {'is' if shared == 1 else 'are'} in more than one group. What is common "
-                "cancels in their difference; these tests do not pair, and are too cautious."
+                "cancels in their difference, but these tests do not pair."
             )
 
 
 def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]:
-    """Yield in what runs were set otherwise, by protocol or afterwards; what names runs or groups is left out."""
-    told = {}
+    """Yield in what runs were set otherwise, by protocol or afterwards.
+
+    What names runs or groups is left out; where policies are compared, also what each of them says.
+    """
+    told, policies = {}, list(map(name_policy, runs))
     for key, values in find_differences(*({**run.run.protocol, **run.settings} for run in runs)):
-        if NAMING.union(by).isdisjoint({key, *key.split(".")}):
+        said = {*zip(policies, values, strict=True)}
+        by_policy = key in _OF_POLICY and "policy" in by and len(said) == len({*policies})
+        if not by_policy and NAMING.union(by).isdisjoint({key, *key.split(".")}):
             alike = defaultdict[str, list[str]](list)
             for run, value in zip(runs, values, strict=True):
                 alike["not stated" if value is None else tell_value(value, key)].append(run.name)
@@ -335,8 +342,7 @@ def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]
     if told:
         sections = ", ".join(dict.fromkeys(key.partition(".")[0].replace("_", " ") for key in told))
         many = f"{len(told)} keys of {sections}, listed on the page under What was done"
-        listed = ", ".join(told.values()) if len(told) <= _MOST_KEYS else many
-        yield f"The settings of the runs differ{', besides the policy,' if 'policy' in by else ''} in {listed}."
+        yield f"The settings of the runs differ in {', '.join(told.values()) if len(told) <= _MOST_KEYS else many}."
 
 
 def _note_repeats(runs: Sequence[Measured]) -> Iterable[str]:

@@ -57,7 +57,7 @@ def group_rows(
     if not by:
         grouped["group"] = grouped["group"].fillna(rows["run"])
         if len(runs) > 1 and len(_list_groups(grouped)) < 2 and usual:
-            names = set(map(_name_policy, runs)) - {None}
+            names = set(map(name_policy, runs)) - {None}
             fields = ["policy" if len(names) == len(runs) else "run"]
             if fields == ["run"]:
                 others = " --by policy groups them." if len(names) > 1 else ""
@@ -118,7 +118,7 @@ def _find_values(rows: pd.DataFrame, runs: Sequence[Measured], name: str) -> "pd
     told = {run.name: run.run.protocol[name] for run in runs if name in run.run.protocol}
     if any(isinstance(section, Mapping) for section in told.values()):
         like = {a: f"as in {min(b for b in told if told[b] == told[a])}" for a in told}
-        words = {run.name: _name_policy(run) for run in runs if name == "policy"}
+        words = {run.name: name_policy(run) for run in runs if name == "policy"}
         by_run |= words if len(set(words.values())) == len(set(like.values())) else like
     if not any(by_run.values()):
         near = get_close_matches(name, [*map(str, rows.columns), *ALIASES], 1)
@@ -137,7 +137,7 @@ def _list_run_values(run: Measured, name: str) -> list[str]:
     return list(dict.fromkeys(_to_text(value) for value in values if value is not None and value != ""))
 
 
-def _name_policy(run: Measured) -> str | None:
+def name_policy(run: Measured) -> str | None:
     """Return the policy of an insertion by the planner that it stands for; None of a run without."""
     planner = _list_run_values(run, "planner.method") if "policy" in run.run.protocol else ()
     return {"best": "default", "paper": "paper"}.get(", ".join(planner))

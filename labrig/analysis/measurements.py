@@ -137,14 +137,18 @@ def _open_run(path: Path) -> Measured:
         raise RecordError(f"{path} is damaged: {first.where}: {first.message}", first.hint)
     if not run.result_numbers:
         raise InputError(f"{path} has no result", f"make one with: labrig reanalyze {path}")
-    number = run.result_numbers[-1]
+    return read_measured(run, run.result_numbers[-1])
+
+
+def read_measured(run: Run, number: int) -> Measured:
+    """Return a run with its result of this number. Raises `RecordError` when that cannot be read."""
     folder = run.result_dir(number)
     result, listed = read_result(folder), read_document(folder / TABLES_FILE)
     names = [
         name for name, table in listed.items() if any(one["name"] == "trial" for one in table["columns"])
     ]
     about = UsedRun(
-        run=path.resolve().name,
+        run=run.path.resolve().name,
         experiment=str(run.manifest.get("experiment")),
         result=number,
         overrides=tuple(result.get("overrides", ())),

@@ -97,7 +97,7 @@ def _print(document: Mapping[str, Any]) -> None:
         [
             f"{pair['a']} - {pair['b']}",
             pair["difference"],
-            interval(pair["ci95"], 3),
+            interval(pair["ci95_with_shared"] or pair["ci95"], 3),
             None if pair["p"] is None else f"{pair['p']:.4g}",
         ]
         for pair in document["pairs"]

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
@@ -20,9 +19,10 @@ from labrig.record.json_lines import encode_document
 from labrig.record.layout import read_checksum
 from labrig.record.tables import encode_csv
 from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg, write_figure
-from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_key, number, signed
+from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_key
 from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
 from labrig.report.palette import mark
+from labrig.steering.parameters import PAPER_SECTIONS, Estimator, SteeringPolicy
 from labrig.text import split_key, split_quantity, tell_value
 
 TABLE_FILES = ("measurements.csv", "measurements.json")
@@ -69,15 +69,16 @@ def write_comparison(
         "colours": [mark(place).colour for place in range(len(content.groups))] if is_drawn else [],
         "figure": figure,
         "readings": readings,
+        "decimals": max(2, decimals),
         "runs": used,
         "conditions": [*list_conditions(*used.values())],
-        "gels": table.get("gelatin_percent", table["run"]).groupby(table["group"]).nunique().max(),
+        "records": records,
+        "paper": PAPER_SECTIONS,
+        "sections": {"estimator": Estimator.model_fields, "policy": SteeringPolicy.model_fields},
         "code_here": describe_installation(),
         "written": tell_writing(created),
     }
     filters = {
-        "digits": partial(number, digits=max(2, decimals)),
-        "plus": partial(signed, digits=max(2, decimals)),
         "checksum": read_checksum,
         "in_words": lambda key: split_key(key)[0].replace("_", " "),
         "with_unit": lambda value, key: UNKNOWN if value is None else tell_value(format_value(value), key),

@@ -285,7 +285,7 @@ def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
     if any(gel.paper_mm for gel in series):
         axes.errorbar([], [], [], label="paper: mean, ± SD dashed", **_PAPER)
     if any(gel.drawn_mean_mm is not None for gel in series):
-        axes.errorbar([], [], xerr=[], label="true mean of the simulation", **_DRAWN)
+        axes.errorbar([], [], xerr=[], label="true mean of these insertions", **_DRAWN)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, handlelength=1.8)
 
 

@@ -1,7 +1,7 @@
 """What a protocol says about planning, estimating and steering: its sections are the settings. It loads no numpy."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
@@ -126,3 +126,9 @@ PAPER_POLICY = SteeringPolicy(
     turning="back_and_forth",
 )
 """The paper's policy: replan every 20 mm, let a turn act at once, and follow the plan to its end."""
+
+PAPER_SECTIONS: Mapping[str, Mapping[str, object]] = {
+    "planner": {"method": "paper"},
+    "estimator": {"method": "paper", "radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0},
+}
+"""What `policy: paper` says beyond its own section: section -> key -> value."""

@@ -46,10 +46,7 @@ def test_pictures_of_a_trial_without_a_final_one_count_as_one_measurement(tmp_pa
     soft, hard = _compare(run).comparison.groups
     assert (soft.n, soft.mean, hard.n, hard.mean) == (2, pytest.approx(63.6), 2, pytest.approx(63.05))
     by_role = _compare(run, by=("role",)).comparison.groups
-    assert [(group.n, group.mean) for group in by_role] == [
-        (2, 99.0),
-        (2, pytest.approx(27.65)),
-    ]  # of two gels each
+    assert [(g.n, g.mean) for g in by_role] == [(2, 99.0), (2, pytest.approx(27.65))]  # of two gels each
 
 
 def test_insertions_into_one_block_are_no_independent_specimens(tmp_path):
@@ -150,7 +147,9 @@ def test_groups_can_be_made_by_any_field(tmp_path):
     assert names == {"needle": ["N1", "N2"], "hole": ["hole 1", "hole 2"], "title": ["title a", "title b"]}
     alike = _compare(a, c).comparison
     assert (alike.by, [group.name for group in alike.groups]) == (("run",), ["a", "c"])
-    assert [group.name for group in _compare(c, d).comparison.groups] == ["policy default", "policy paper"]
+    policies = _compare(c, d).comparison  # what each policy says is no other setting
+    assert [group.name for group in policies.groups] == ["policy default", "policy paper"]
+    assert not [line for line in policies.warnings if "settings" in line]
 
 
 @pytest.mark.parametrize(

@@ -240,9 +240,7 @@ def runs_dir(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_comparison_prints_its_document_and_writes_page_and_tables(
-    labrig: Labrig, runs_dir: Path, tmp_path: Path
-) -> None:
+def test_a_comparison_prints_and_writes_a_document(labrig: Labrig, runs_dir: Path, tmp_path: Path) -> None:
     """The keys that others rely on; one tidy row for each measurement; an existing folder is not overwritten."""
     command = ("compare", "a", "b", "--runs-dir", runs_dir, "--out", tmp_path / "out", "--json")
     done = labrig(*command)
@@ -276,9 +274,7 @@ def test_the_page_shows_what_people_wrote_as_text(labrig: Labrig, tmp_path: Path
     assert "=1+1, &lt;script" in html
 
 
-def test_a_run_that_cannot_be_used_is_left_out_and_told(
-    labrig: Labrig, runs_dir: Path, tmp_path: Path
-) -> None:
+def test_a_run_that_cannot_be_used_is_told(labrig: Labrig, runs_dir: Path, tmp_path: Path) -> None:
     """One without result is wrong input where it is named; a damaged one changes the exit code."""
     write_measured_run(runs_dir, "c", {SOFT: (28.0,)}, result=False)
     where = ("compare", "--where", "seed=7", "--runs-dir", runs_dir, "--json", "--out")

@@ -117,9 +117,7 @@ def test_what_people_wrote_is_text(tmp_path: Path) -> None:
         ("In full", r"drive\.hardware_version 0x6220 .*drive\.software_version 0x2110"),
     ],
 )  # fmt: skip
-def test_the_page_states_what_was_found_and_what_it_rests_on(
-    begin: str, pattern: str, page: WrittenPage
-) -> None:
+def test_the_page_states_what_was_found_and_how_sure(begin: str, pattern: str, page: WrittenPage) -> None:
     """Behind the heading of each part stand its numbers: what was measured, how sure, by which code and devices."""
     assert re.search(pattern, _words(page.html).partition(begin)[2])
 
@@ -216,6 +214,16 @@ def test_a_real_rig_has_no_columns_of_truth(tmp_path: Path) -> None:
     assert f"<code>labrig reanalyze {run.path}</code>" in made.html
     assert ("`" in _words(made.html), _Elements(made.html).open) == (False, [])
     assert "simulat" not in _words(make_page(run).html).lower()
+
+
+def test_a_sweep_tells_its_gels_apart_as_a_comparison_does(tmp_path: Path) -> None:
+    """Of the blocks that were measured: the difference in the opening, and its interval in the table of pairs."""
+    sweep = SyntheticSweep(radii_mm={"gel A": (28.2, 28.4), "gel B": (26.0, 26.1)})
+    words = _words(make_page(record_sweep(tmp_path, sweep)).html)
+    assert re.search(
+        r"In the blocks of gel that were measured, the radius differs: 10 % .* 2\.\d\d mm above 19", words
+    )
+    assert re.search(r"10 % gelatin 19 % gelatin \+2\.\d\d 1\.\d\d to [23]\.\d\d 0\.0\d\d", words)
 
 
 def test_imported_pictures_have_a_page_of_their_own(tmp_path: Path) -> None:

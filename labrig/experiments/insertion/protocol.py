@@ -18,7 +18,14 @@ from labrig.protocol.model import (
 )
 from labrig.protocol.sections import Advance, Criterion, JudgedProtocol, RollZeroSearch, TrackedSpecimen
 from labrig.protocol.specimen_file import TracksBySpecimen
-from labrig.steering.parameters import PAPER_POLICY, Estimator, PlanMethod, PlanWeights, SteeringPolicy
+from labrig.steering.parameters import (
+    PAPER_POLICY,
+    PAPER_SECTIONS,
+    Estimator,
+    PlanMethod,
+    PlanWeights,
+    SteeringPolicy,
+)
 
 _WHERE = "give one of position_mm: [x, y, z], pixel: [u, v] and ask: true"
 
@@ -115,13 +122,6 @@ class Planner(Model):
     """What makes one path better than another."""
 
 
-_PAPER: Mapping[str, Mapping[str, object]] = {
-    "planner": {"method": "paper"},
-    "estimator": {"method": "paper", "radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0},
-}
-"""What `policy: paper` says beyond its own section: section -> key -> value."""
-
-
 def _allow_paper(schema: dict[str, Any]) -> None:
     """Let the schema of the section take the word too."""
     schema["anyOf"] = [{"$ref": schema.pop("$ref")}, {"const": "paper"}]
@@ -186,7 +186,8 @@ class InsertionProtocol(JudgedProtocol, RollZeroSearch):
         if self.policy is not PAPER_POLICY:
             return self
         sections = {
-            name: getattr(self, name).model_copy(update=dict(values)) for name, values in _PAPER.items()
+            name: getattr(self, name).model_copy(update=dict(values))
+            for name, values in PAPER_SECTIONS.items()
         }
         return self.model_copy(update=sections)
 
@@ -243,7 +244,7 @@ class InsertionProtocol(JudgedProtocol, RollZeroSearch):
     def _find_keys_beside_paper(self) -> Iterator[Conflict]:
         """Yield keys that `policy: paper` decides."""
         if self.policy is PAPER_POLICY:
-            for name, values in _PAPER.items():
+            for name, values in PAPER_SECTIONS.items():
                 for key in values:
                     if key in getattr(self, name).model_fields_set:
                         yield Conflict(f"{name}.{key}", "policy: paper says what it is", "leave it out")

@@ -2,15 +2,18 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
+from labrig.analysis.comparison import Comparison, compare_runs
+from labrig.analysis.measurements import read_measured
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult, CentreLines, load_centre_lines
-from labrig.analysis.statistics import compare_pairs
+from labrig.errors import LabrigError
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult, SpecimenResult
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import draw_picture
@@ -37,8 +40,6 @@ def make_curvature_page(
     lines = load_centre_lines(result.path)
     plane = load_plane_map(run)
     gels = _list_gels(content, lines)
-    ranked = sorted((own for _, own in gels if len(own.radii_mm) > 1), key=lambda own: -(own.mean_mm or 0.0))
-    pairs = compare_pairs([own.radii_mm for own in ranked])
     shown = [
         measurement
         for measurement in content.measurements
@@ -50,7 +51,7 @@ def make_curvature_page(
         plane,
         {
             "gels": gels,
-            "pairs": [(ranked[a], ranked[b], test) for (a, b), test in pairs.items()],
+            "comparison": _compare_gels(run, result),
             "budgets": {
                 "Radius": [measurement.radius_budget_mm for measurement in shown if measurement.accepted],
                 "Needle's tip": [measurement.tip_budget_mm for measurement in shown],
@@ -66,6 +67,13 @@ def make_curvature_page(
             ],
         },
     )
+
+
+def _compare_gels(run: Run, result: AnalysisResult[CurvatureResult]) -> Comparison | None:
+    """Return the gels compared as `labrig compare` compares them; None where there is nothing to compare."""
+    with suppress(LabrigError):
+        return compare_runs([read_measured(run, int(result.path.name))], quantity="radius_mm").comparison
+    return None
 
 
 def _list_gels(content: CurvatureResult, lines: CentreLines) -> list[tuple[SpecimenResult, GelSeries]]:

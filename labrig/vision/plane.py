@@ -125,7 +125,7 @@ class PlaneMap(_Value):
     rms_mm, holdout_rms_mm : float or None
         Distances between these points and their fitted places, and those of points left out of the fit.
     flatness_mm : float or None
-        Deviation of the paper from flat: the largest median residual of a part of the picture.
+        Deviation of the paper from flat: rms over parts of the picture of the median residual of each.
     paper_sigma_mm : float or None
         Standard deviation of the paper's height over the needle's plane; None if it is not known.
     variations : tuple of Variation

@@ -1,7 +1,7 @@
 """What the page of a camera calibration run shows: how well the board covered the picture, and the paper."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,11 +64,14 @@ def _find_needle_px(plane: PlaneMap) -> FloatArray:
     return np.array((start, np.clip(start + ahead * size, 0.0, size - 1.0)))
 
 
-def _find_length_mm(plane: PlaneMap, ends_px: FloatArray) -> tuple[float, float]:
-    """Return the distance of two pixels and its standard deviation [mm], by the variations of the map."""
+def _find_length_mm(plane: PlaneMap, ends_px: FloatArray) -> tuple[float, float, Mapping[str, float]]:
+    """Return the distance of two pixels, its standard deviation and what each source gives to it [mm]."""
     length_mm = math.dist(*plane.to_mm(ends_px).tolist())
-    others = [ends for group in plane.map_by_variants(ends_px).values() for ends in group]
-    return length_mm, math.hypot(*(math.dist(*ends.tolist()) - length_mm for ends in others))
+    parts_mm: dict[str, float] = {
+        source: math.hypot(*(math.dist(*ends.tolist()) - length_mm for ends in maps))
+        for source, maps in plane.map_by_variants(ends_px).items()
+    }
+    return length_mm, math.hypot(*parts_mm.values()), parts_mm
 
 
 def _draw_grid(plane: PlaneMap) -> Iterator[tuple[str, str]]:

@@ -30,11 +30,10 @@ def _explain_out_of_reach(around: Surroundings, distance: float) -> str | None:
         return f"the target lies {abs(x):.1f} mm outside of the steering plane, more than {tolerance_mm:g} mm"
     if z < -tolerance_mm:
         return f"the target lies {-z:.1f} mm behind the needle's tip"
-    if math.hypot(lateral - radius_mm, z) < radius_mm - tolerance_mm:
-        return (
-            f"the target lies inside the turning circles: {lateral:.1f} mm beside the needle and {z:.1f} mm "
-            f"ahead, with a radius of {radius_mm:.1f} mm"
-        )
+    inside_mm = radius_mm - math.hypot(lateral - radius_mm, z)
+    if inside_mm > tolerance_mm:
+        beside = f"{lateral:.1f} mm beside the needle and {z:.1f} mm ahead"
+        return f"the target lies {inside_mm:.1f} mm inside the turning circle of {radius_mm:.1f} mm radius, {beside}"
     if lateral - tolerance_mm > _widest_lateral_mm(z + tolerance_mm, radius_mm):
         return (
             f"the target lies {lateral:.1f} mm beside the needle: the path would turn by more than 90 degrees"

@@ -137,7 +137,8 @@ def _make_due_turns(state: SteeringState, settings: SteeringSettings) -> tuple[S
 def _stop_at_end(state: SteeringState, settings: SteeringSettings) -> SteeringCommand:
     problem = settings.problem
     miss_mm = float(np.linalg.norm(state.tip.position_mm - problem.target_mm))
-    detail = f"the tip is {miss_mm:.2f} mm from the target, and {problem.tolerance_mm:g} mm are allowed"
+    seen = f"at the end of its path the tip was {miss_mm:.2f} mm from the target by the template"
+    detail = f"{seen}, and {problem.tolerance_mm:g} mm are allowed"
     return _stop(state, "target_reached" if miss_mm <= problem.tolerance_mm else "target_missed", detail)
 
 

@@ -124,7 +124,7 @@ def test_of_two_mirrored_paths_the_same_is_always_taken(method, ahead_mm):
     ("target", "spheres", "how", "reason"),
     [
         ((0.0, 0.0, -2.1), (), {}, "behind"),
-        ((0.0, 25.0, 10.0), (), {}, "inside the turning circles"),
+        ((0.0, 25.0, 10.0), (), {}, "inside the turning circle"),
         ((0.0, 70.0, 10.0), (), {}, "90 degrees"),
         ((0.0, 0.0, 200.0), (), {"planar": False}, "too long: the target is 200"),
         ((2.1, 0.0, 100.0), (), {}, "outside of the steering plane"),

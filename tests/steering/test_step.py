@@ -151,7 +151,7 @@ def test_a_tip_that_is_not_seen_or_does_not_advance_stops_the_needle(seen_mm, st
 @pytest.mark.parametrize(
     ("change", "stop", "word"),
     [
-        ({"target_mm": (0.0, 20.0, 10.0)}, "target_missed", "turning circles"),
+        ({"target_mm": (0.0, 20.0, 10.0)}, "target_missed", "turning circle"),
         ({"obstacles": (Obstacle((0.0, 0.0, 10.0), 5.0),)}, "blocked", "no path found"),
         ({"max_length_mm": 50.0, "obstacles": ()}, "target_missed", "too long"),
     ],

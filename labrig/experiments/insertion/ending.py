@@ -251,25 +251,19 @@ class TargetErrorBounds:
 
     def decide(self, tolerance_mm: float) -> Ending:
         """Return how an insertion ended that was steered to its target."""
-        if self.in_plane_mm > tolerance_mm:
-            cause = (
-                f"steered to the target, and measured {self.in_plane_mm:.2f} mm from it where {tolerance_mm:g} mm "
-                "are allowed"
-            )
-            return Ending("missed", "target_missed", cause)
-        arrival = decide_arrival(self.interval_mm, tolerance_mm)
-        low_mm, high_mm = self.interval_mm
+        is_missed, (low_mm, high_mm) = self.in_plane_mm > tolerance_mm, self.interval_mm
+        arrival = "missed" if is_missed else decide_arrival(self.interval_mm, tolerance_mm)
+        left = self.depth if self.depth is not None and self.depth.contradicts else None
+        end = "the needle's end" if left is None else f"{_describe_depth(left)}; it"
         cause = (
-            f"the needle's end is {self.in_plane_mm:.2f} mm from the target in the plane, and between {low_mm:.2f} "
-            f"and {high_mm:.2f} mm in space (95 %), and {tolerance_mm:g} mm are allowed"
+            f"steered to the target; {end} is {self.in_plane_mm:.2f} mm from the target in the plane, and between "
+            f"{low_mm:.2f} and {high_mm:.2f} mm in space (95 %), and {tolerance_mm:g} mm are allowed"
         )
-        if self.depth is not None and self.depth.contradicts:
+        if left is not None:
             outcome = "missed" if arrival == "missed" else "reached_in_plane_only"
-            return Ending(outcome, "left_the_plane", f"{_describe_depth(self.depth)}; {cause}", _LEFT_HINT)
-        if arrival == "missed":
-            return Ending(arrival, "target_missed", cause)
-        if arrival == "reached":
-            return Ending(arrival, "target_reached", cause)
+            return Ending(outcome, "left_the_plane", cause, _LEFT_HINT)
+        if arrival != "reached_in_plane_only":
+            return Ending(arrival, f"target_{arrival}", cause)
         name, hint = _SOURCES[self.sources.largest]
         unseen = f"one camera does not see out of its plane, and most of the uncertainty comes from {name}"
         return Ending(arrival, arrival, f"{cause}; {unseen}", hint)

@@ -11,11 +11,12 @@ from markupsafe import Markup
 
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult
-from labrig.experiments.insertion.events import InsertionRole, PathSought
+from labrig.experiments.insertion.events import InsertionRole, InsertionStart, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionResult, InsertionTrial, describe_sighting_noise
 from labrig.experiments.insertion.scene import Scene, make_films, read_scenes
+from labrig.experiments.shared.roll_zero_events import RollZeroFound
 from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke
@@ -67,6 +68,8 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
             _draw_insertion(run, protocol, trial, events.get(trial.trial, ()))
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
+        "zeros": run.read_events(InsertionStart, RollZeroFound),
+        "degrees": math.degrees,
         "noise_told": describe_sighting_noise(vars(noise) if (noise := content.sighting_noise) else None),
     }
     return Page(TEMPLATE, plane, parts)
@@ -85,11 +88,11 @@ def _draw_insertion(
         if isinstance(event, PathSought) and any(event is plan for plan in _select_plans(plans)):
             frame = _find_scene(run, trial) if event.frame is None else event.frame
             strokes = *scene.draw_places(), *scene.former, *scene.draw_ways()
-            title = f"{event.depth_mm:.1f} mm, {event.t_s - trial.start_t_s:.0f} s"
+            title = f"{event.depth_mm:.1f} mm inserted, {event.t_s - trial.start_t_s:.0f} s"
             panels += _draw_panel(run, frame, strokes, scene.plane, (title, event.because))
     final = trial.final_frame if panels or trial.final_frame is not None else _find_scene(run, trial)
     if final is not None and scene.start is not None:
-        at_s = max(0.0, run.frame_lines[final].t_s - trial.start_t_s)
+        at_s = run.frame_lines[final].t_s - trial.start_t_s
         moved_mm = true_mm if read_world(run).get("target_moves_mm") else None
         # What the map is off at a target that has not moved, it is off along the true path too.
         placed_mm = trial.target_mm if true_mm is None or moved_mm else true_mm
@@ -100,11 +103,12 @@ def _draw_insertion(
             *scene.draw_line("former", scene.plan_mm),
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
             *scene.draw_line("true", true_path_mm),
-            *([scene.draw_ring("true", moved_mm[1:], trial.tolerance_mm)] if moved_mm else ()),
+            *([scene.draw_ring("moved", moved_mm[1:], trial.tolerance_mm)] if moved_mm else ()),
             *_draw_end(trial, scene),
             *_draw_circle(protocol, trial, scene),
         )
-        title = f"{trial.length_mm or 0.0:.1f} mm, {at_s:.0f} s"
+        inserted = f"{trial.length_mm or 0.0:.1f} mm inserted, {at_s:.0f} s"
+        title = inserted if final == trial.final_frame else "not inserted"
         occasion = "at the target" if trial.reached else "stopped"
         panels += _draw_panel(run, final, strokes, scene.plane, (title, occasion))
     off_mm = None if true_mm is None else math.dist(true_mm[1:], trial.target_mm[1:])
@@ -123,9 +127,9 @@ def _draw_end(trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
 
 def _draw_circle(protocol: InsertionProtocol, trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
     """Yield the tightest turn from the start towards a target that lies inside it; it begins with a straight piece."""
-    if trial.stop == "no_path" and "turning circles" in trial.cause:
-        radius_mm = protocol.planner.radius_mm
-        centre_mm = math.copysign(radius_mm, trial.target_mm[1]), protocol.policy.find_acting_mm(0.0)
+    radius_mm, target_mm = protocol.planner.radius_mm, trial.target_mm[1:]
+    centre_mm = math.copysign(radius_mm, target_mm[0]), protocol.policy.find_acting_mm(0.0)
+    if trial.stop == "no_path" and math.dist(centre_mm, target_mm) < radius_mm - trial.tolerance_mm:
         yield scene.draw_ring("turning", centre_mm, radius_mm)
 
 
@@ -157,14 +161,14 @@ def _draw_panel(
     if plate is not None:
         lines = [(stroke.name, polyline(stroke.px)) for stroke in strokes]
         words, bar = [(told[0], (0.02 * plate.width, 0.04 * plate.width))], scale_bar(plate.size, plane)
-        at_target = [np.asarray(stroke.px) for stroke in strokes if stroke.name == "target"]
+        at_target = [np.asarray(stroke.px) for stroke in strokes if stroke.name in {"target", "moved"}]
         yield Panel(*told, replace(plate, lines=lines, words=words, bar=bar), _frame(at_target))
 
 
 def _frame(outlines: Sequence[Any]) -> str:
-    """Return the view box about the largest of these outlines, twice as wide; empty without one."""
+    """Return the view box about these outlines, twice as wide; empty without one."""
     if not outlines:
         return ""
-    low, high = min(((px.min(axis=0), px.max(axis=0)) for px in outlines), key=lambda ends: ends[0][0])
-    (left, top), half = (low + high) / 2, float(max(high - low))
+    px = np.concatenate(outlines)
+    (left, top), half = (px.min(axis=0) + px.max(axis=0)) / 2, float(np.ptp(px, axis=0).max())
     return f"{left - 1.4 * half:.1f} {top - half:.1f} {2.8 * half:.1f} {2 * half:.1f}"

@@ -275,7 +275,8 @@ class Insertion:
                 hint += " or an obstacle"
             if "no path found" in command.detail:
                 hint += ", or allow more arcs or a longer path"
-            raise TargetMissedError(f"there is no path: {command.detail}", hint, reason="no_path")
+            told = f"no path, so the needle was not inserted: {command.detail}"
+            raise TargetMissedError(told, hint, reason="no_path")
         self._warn(state)
         return state, command
 

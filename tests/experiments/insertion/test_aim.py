@@ -89,7 +89,7 @@ def test_what_the_answer_will_be_is_told_beforehand() -> None:
     """The planner's reason at the target's key; a tolerance that one camera cannot certify is warned of with why."""
     refusal = plan_of(insertion("target.position_mm=[0,25,12]"), large_rig()).refusal
     assert refusal is not None
-    assert (refusal.where, "turning circles" in refusal.message) == ("target", True)
+    assert (refusal.where, "turning circle" in refusal.message) == ("target", True)
     plan = plan_of(insertion("out_of_plane.lag_sd_deg=5"), large_rig())
     assert (plan.problems, plan.refusal) == ((), None)
     (warning,) = plan.warnings

@@ -1,12 +1,15 @@
 """The page of an insertion run: figure 9."""
 
 import re
+from dataclasses import replace
+from typing import Any
 
 import pytest
 from scipy.stats import chi2
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.drives.states import describe_statusword
+from labrig.experiments.insertion.result import EndDepth, InsertionResult
 from labrig.experiments.registry import find_run_experiment, follow_run, load_run_result, make_run_view
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
@@ -34,7 +37,7 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
         assert plate.count('class="obstacle"') == 1
         assert plate.count('class="target"') == 3
         assert 'class="bar"' in plate
-        assert re.search(r"\d+\.\d\u00a0mm, \d+\u00a0s</text>", plate)
+        assert re.search(r"\d+\.\d\u00a0mm inserted, \d+\u00a0s</text>", plate)
     assert all('class="plan"' in plate for plate in plates[:-1])
     assert 'class="former"' in plates[-2]
     assert 'class="taken"' in plates[-1]
@@ -49,9 +52,9 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
         r"In the plane it is <b>0\.\d\d\u00a0±\u00a00\.\d\d\u00a0mm</b> \(SD\) off, by the shaft in the final picture",
         r"needle's end is <b>\d\.\d\d to \d\.\d\d\u00a0mm</b> from the target in space \(95\u00a0% interval\)",
         r"\(95\u00a0% interval\), where 2\u00a0mm are allowed", "true distance .* which is within the interval",
-        r"are off by \d\.\d\d\u00a0mm at the target\. .* drawn with the same error", "so it cancels",
+        r"What the plane map is off at the target, \d\.\d\d\u00a0mm, .* cancels", r"degrees \(SD\), certified before",
         "<dd>radius .*mm at y .*, z .*mm</dd>", "true error", "truth", "Heading",
-        r"is off, which no innovation shows: \d\.\d\d\u00a0mm at the target", "<dt>NIS</dt>", "<h3>In space</h3>",
+        r"the plane map is off, by \d\.\d\d\u00a0mm at the target", "<dt>NIS</dt>", "<h3>In space</h3>",
         ">Roll zero<", ">Lag of the bevel<", ">Wandering<", ">Start<", ">In the plane<",
         "To &lt;b&gt;there&lt;/b&gt;", "as far as the protocol's standard deviations are true",
     ],
@@ -60,6 +63,36 @@ def test_the_page_tells_how_near_it_ended_by_what_and_how_sure_that_is(html: str
     """The sheath, the four curves, the errors, the interval in space with its sources; a title's markup is text."""
     assert re.search(pattern, html)
     assert "<b>there" not in html
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            {"stop": "left_the_plane", "reached": False, "target_error_interval_mm": (2.67, 4.4)},
+            "Not reached: ",
+        ),
+        ({"stop": "left_the_plane", "reached": None}, "Reached in the plane, not known in space: "),
+        (
+            {"clearance_mm": -0.22},
+            r"By the estimate the needle touched obstacle 1: its tip was <b>0\.22\u00a0mm</b>",
+        ),
+    ],
+)
+def test_the_opening_gives_one_reason_and_says_what_was_touched(change: dict[str, Any], told: str) -> None:
+    """An interval beyond the tolerance is not reached; what was measured out of the plane, one camera did see."""
+    analyse_recorded()
+    run = open_run(record_insertion().path)
+    result = load_run_result(run, 1)
+    assert isinstance(result.content, InsertionResult)
+    (trial,) = result.content.insertions
+    step = trial.steps[-1].model_copy(update=change)
+    left = EndDepth(x_mm=3.4, sd_mm=0.4, picture_x_mm=3.4, picture_sd_mm=0.4, contradicts=True)
+    ended = trial.model_copy(update={"depth": left, **change, "steps": (*trial.steps[:-1], step)})
+    content = result.content.model_copy(update={"insertions": (ended,)})
+    page = write_page(run, replace(result, content=content), NOW).read_text(encoding="utf-8")
+    assert re.search(told, page)
+    assert not re.search("Not shown|Not counted|One camera does not", page.partition("All results")[0])
 
 
 def test_the_view_shows_the_insertion_too() -> None:
@@ -77,11 +110,14 @@ def test_the_view_shows_the_insertion_too() -> None:
 
 
 def test_without_a_path_the_page_says_what_to_do() -> None:
-    """The reason stands there once, with what to do, and no part is empty."""
+    """The reason, by how much to move the target, and what decides; no part is empty."""
     run = record_insertion("target.position_mm=[0,20,10]")
     result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     page = write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
-    assert "Move the target." in page
+    assert re.search(
+        r"No path, so the needle was not inserted: the target lies \d+\.\d\u00a0mm inside the turning", page
+    )
+    assert re.search(r"Move the target by \d+\.\d\u00a0mm or more", page)
     assert "there is no path:" not in page
     assert "On the way" not in page
-    assert "<h2>How sure" not in page
+    assert "The radius that decides" in page.partition("<h2>How sure")[2]

@@ -47,7 +47,7 @@ class SightingErrors:
     sightings. They hold for its light, its noise and its template. `fresh_share` and `correlated_mm` are between those
     of the errors along and across, whose autocorrelations are 0.56 and 0.33 at 1 mm and 0.26 and 0.10 at 5 mm:
     correlated ones alone make the heading too sure, and leave the final errors without their largest.
-    `python -m tests.benchmarks world-agrees` compares the ends of virtual insertions with those of whole runs.
+    `python -m tests.benchmarks insertion` compares the ends of virtual insertions with those of whole runs.
 
     Attributes
     ----------

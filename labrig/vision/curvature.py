@@ -11,7 +11,7 @@ bevel's roll is added if it is known (`out_of_plane`). The degrees of freedom ar
 `ErrorBudget` lists the parts.
 
 In 6,000 drawn pictures, three of four with a lamp beside the needle, the interval held the truth in 97.1 % at radii of
-20 to 30 mm, 95.7 % at 30 to 40 mm and 94.8 % at 40 to 60 mm (`LABRIG_BENCHMARK_RENDERS=2000 python -m tests.benchmarks
+20 to 30 mm, 95.7 % at 30 to 40 mm and 94.8 % at 40 to 60 mm (`LABRIG_BENCHMARK_TIMES=100 python -m tests.benchmarks
 coverage`).
 Without the part of the light it did so in 88, 82 and 79 % (900 pictures).
 """

@@ -5,13 +5,8 @@ hard world adds heading noise out of the plane, torsion, layers, slip, cavities,
 moves. Target and two obstacles come from the planner's problems, the tip is sighted about every millimetre, and at
 the end a shaft is measured whose width and length tell its depth (`drawn_worlds`). The figures are those of the world's
 own truth, in space; intervals are of 95 %.
-
-`closed-loop` prints both policies in both worlds.
-LABRIG_BENCHMARK_WORLDS sets the number of worlds, 200 by default, LABRIG_BENCHMARK_FIRST_SEED the first of their seeds,
-and LABRIG_BENCHMARK_WORKERS the number of processes, one for each processor by default.
 """
 
-import os
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -24,11 +19,9 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, sem
 
 from tests.benchmarks.drawn_worlds import InsertionEnd, Policy, draw_world, insert, read_world
-from tests.benchmarks.table import print_rows, read_count
+from tests.benchmarks.table import multiply, print_rows
 
-WORLDS = read_count("WORLDS", 200)
-FIRST_SEED = read_count("FIRST_SEED", 0)
-WORKERS = read_count("WORKERS", os.cpu_count() or 1)
+WORLDS = multiply(40)
 TOLERANCE_MM = 2.0
 _WORST = 5
 
@@ -38,10 +31,10 @@ Flags = NDArray[np.bool_]
 
 def print_table() -> None:
     """Print where the default policy and the paper's end in worlds, and what the default policy says of it."""
-    seeds = range(FIRST_SEED, FIRST_SEED + WORLDS)
+    seeds = range(WORLDS)
     for name in ("reference", "hard"):
         for policy in get_args(Policy):
-            with ProcessPoolExecutor(WORKERS) as executor:
+            with ProcessPoolExecutor() as executor:
                 timed = executor.map(partial(_time_insertion, name, policy), seeds, chunksize=2)
                 ends, times_s = zip(*timed, strict=True)
             rows = _describe_ends(ends, float(np.mean(times_s)))
@@ -65,7 +58,7 @@ def _describe_ends(ends: Sequence[InsertionEnd], cpu_s: float) -> list[Row]:
     off_mm = np.array([end.off_mm for end in ends])
     errors_mm, in_plane_mm = np.linalg.norm(off_mm, axis=1), np.linalg.norm(off_mm[:, 1:], axis=1)
     worst = sorted(range(len(ends)), key=lambda index: -errors_mm[index])[:_WORST]
-    seeds = ", ".join(str(FIRST_SEED + index) for index in worst)
+    seeds = ", ".join(map(str, worst))
     quantiles = ", ".join(f"{value:.2f}" for value in np.quantile(errors_mm, (0.5, 0.95, 1.0)))
     stops = Counter(end.stop for end in ends).most_common()
     return [

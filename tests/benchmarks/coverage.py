@@ -1,10 +1,9 @@
 """How often the 95 % intervals of radius and tip hold the truth, by radius and by light, and what they consist of.
 
-`python -m tests.benchmarks coverage`; the number of pictures in each band of radius is `LABRIG_BENCHMARK_RENDERS`, 100
-unless set. The renderer is `tests/vision/renderer.py`, which shares nothing with labrig. One picture in four is
-lit evenly, the others have a lamp beside the needle. The scale is given exactly, so that lens, plane, surface and roll
-have no part: the interval of a radius rests on the scatter of the edges and on what light does to them, alone. That
-of a tip is a disc of 1.96 standard deviations.
+The renderer is `tests/vision/renderer.py`, which shares nothing with labrig. One picture in four is lit evenly, the
+others have a lamp beside the needle. The scale is given exactly, so that lens, plane, surface and roll have no part:
+the interval of a radius rests on the scatter of the edges and on what light does to them, alone. That of a tip is a
+disc of 1.96 standard deviations.
 """
 
 import os
@@ -20,10 +19,10 @@ import pandas as pd
 
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
-from tests.benchmarks.table import print_rows, read_count
+from tests.benchmarks.table import multiply, print_rows
 from tests.vision.renderer import Light, draw_side_lit
 
-RENDERS = read_count("RENDERS", 100)
+RENDERS = multiply(20)
 BANDS_MM = ((20.0, 30.0), (30.0, 40.0), (40.0, 60.0))
 LIGHTS: tuple[Light, ...] = get_args(Light)
 FIRST_SEED = 50_000

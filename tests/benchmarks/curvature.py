@@ -1,7 +1,6 @@
 """Radii in rendered pictures of a known arc, with cameras calibrated from rendered corners and paper.
 
-`python -m tests.benchmarks curvature`; the number of pictures is `LABRIG_BENCHMARK_PICTURES`, 500 unless set. The
-renderer is `tests/vision/renderer.py`, which shares no code with the measurement. Each calibration and its ten
+The renderer is `tests/vision/renderer.py`, which shares no code with the measurement. Each calibration and its ten
 pictures are drawn from a seed of their own, so the numbers are the same for any number of processes.
 """
 
@@ -20,14 +19,14 @@ from labrig.vision.calibrate_plane import calibrate_plane
 from labrig.vision.circle import fit_circle
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics
-from tests.benchmarks.table import print_rows, read_count
+from tests.benchmarks.table import multiply, print_rows
 from tests.vision.renderer import Board, Camera, Gel, Needle, Photo, Sheet, turn_about
 
 FloatArray = NDArray[np.float64]
 
 RADIUS_MM, ORIGIN_PX = 28.0, (320.0, 200.0)
 CAMERA = Camera(origin_px=ORIGIN_PX)
-PICTURES = read_count("PICTURES", 500)
+PICTURES = multiply(100)
 PICTURES_A_CALIBRATION = 10
 CORNER_NOISE_PX = 0.1
 SPEED_REPEATS = 30

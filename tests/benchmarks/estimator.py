@@ -1,7 +1,4 @@
-"""Tip estimator: heading against the paper's filter and against its bound, consistency, and the time of an update.
-
-LABRIG_BENCHMARK_RUNS sets the number of insertions in the table of the bound, 200 by default.
-"""
+"""Tip estimator: heading against the paper's filter and against its bound, consistency, and the time of an update."""
 
 import math
 import statistics
@@ -13,7 +10,7 @@ import numpy as np
 
 from labrig.steering.estimator import step_tip
 from labrig.steering.parameters import EstimatorMethod
-from tests.benchmarks.table import print_rows, read_count
+from tests.benchmarks.table import multiply, print_rows
 from tests.steering.insertions import (
     RADIUS_MM,
     follow,
@@ -27,9 +24,8 @@ from tests.steering.insertions import (
 )
 from tests.steering.plain_ekf import bound_heading_rad2
 
-RUNS = 200
+RUNS = multiply(40)
 SCATTERED = ((0.0, "-"), (0.05, "1.4"), (0.2, "1.5"))
-BOUND_RUNS = read_count("RUNS", 200)
 BOUND_FIRST_SEED = 10_000
 UNKNOWN_RADIUS_MM = 0.02 * RADIUS_MM
 METHODS: tuple[EstimatorMethod, ...] = ("paper", "error-state")
@@ -67,11 +63,11 @@ def _print_bound() -> None:
     for planar in (True, False):
         for name, radius_sd_mm in (("known", 0.0), ("estimated", UNKNOWN_RADIUS_MM)):
             with ProcessPoolExecutor() as executor:
-                seeds = range(BOUND_FIRST_SEED, BOUND_FIRST_SEED + BOUND_RUNS)
+                seeds = range(BOUND_FIRST_SEED, BOUND_FIRST_SEED + RUNS)
                 compare = partial(_compare_with_bound, planar=planar, radius_sd_mm=radius_sd_mm)
                 errors, bounds = np.array(list(executor.map(compare, seeds, chunksize=10))).T
             rmse, bound = (math.degrees(math.sqrt(squares.mean())) for squares in (errors, bounds))
-            share = 0.5 * 1.96 * float(errors.std(ddof=1) / errors.mean()) / math.sqrt(BOUND_RUNS)
+            share = 0.5 * 1.96 * float(errors.std(ddof=1) / errors.mean()) / math.sqrt(RUNS)
             between = f"{rmse / bound * (1.0 - share):.3f} to {rmse / bound * (1.0 + share):.3f}"
             rows.append(
                 [_world(planar), name, f"{rmse:.3f}", f"{bound:.3f}", f"{rmse / bound:.3f}", between, "1.05"]

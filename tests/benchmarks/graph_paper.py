@@ -17,10 +17,10 @@ import pandas as pd
 from labrig.errors import CalibrationRefusedError
 from labrig.vision.calibrate_plane import calibrate_plane
 from labrig.vision.picture import read_picture
-from tests.benchmarks.table import print_rows, read_count
+from tests.benchmarks.table import multiply, print_rows
 from tests.vision.renderer import INKS, PAPERS, Camera, Photo, Sheet
 
-SHEETS = read_count("SHEETS", 300)
+SHEETS = multiply(60)
 FIRST_SEED = 700_000
 BANDS = ((3.0, 4.0), (4.0, 6.0), (6.0, 20.0))
 SHOP_RULINGS = ("1", "1/5", "1/10", "1/5/10", "2", "5")

@@ -15,11 +15,11 @@ from tests.benchmarks.planning_problems import (
     draw_tunnel,
     find_faults,
 )
-from tests.benchmarks.table import print_rows
+from tests.benchmarks.table import multiply, print_rows
 
-SETS = ((2, 200), (5, 100), (9, 100), (14, 100))
-TIGHT = 40
-TUNNELS, SPARE_MM = 120, (0.05, 0.15, 0.4)
+SETS = ((2, multiply(40)), (5, multiply(20)), (9, multiply(20)), (14, multiply(20)))
+IN_SPACE = TIGHT = multiply(8)
+TUNNELS, SPARE_MM = multiply(24), (0.05, 0.15, 0.4)
 
 
 def print_table() -> None:
@@ -28,7 +28,7 @@ def print_table() -> None:
     for count, size in SETS:
         rng = np.random.default_rng(count)
         rows.append(_row(count, [draw_planar_problem(rng, count) for _ in range(size)]))
-    rows.append(_row(3, draw_spatial_problems(40, seed=3)))
+    rows.append(_row(3, draw_spatial_problems(IN_SPACE, seed=3)))
     heads = (
         "problems", "solved", "oracle", "alone", "bad", "median ms", "95 % ms", "worst ms", "of oracle's",
     )  # fmt: skip

@@ -1,7 +1,6 @@
 """`labrig reanalyze` of many recorded frames on one core and on both: a run, and several runs together.
 
-The number of frames is `LABRIG_BENCHMARK_FRAMES`, 1,000 unless set. One core and two take turns three times, so that
-other load affects both; the ratio is that of the medians.
+One core and two take turns three times, so that other load affects both; the ratio is that of the medians.
 """
 
 import statistics
@@ -11,10 +10,10 @@ from pathlib import Path
 
 import cv2
 
-from tests.benchmarks.table import measure, print_rows, read_count
+from tests.benchmarks.table import measure, multiply, print_rows
 from tests.vision.renderer import Gel, Needle, flat_camera
 
-FRAMES = read_count("FRAMES", 1000)
+FRAMES = multiply(200)
 DIFFERENT, SEVERAL, TURNS = 20, 8, 3
 
 

@@ -1,6 +1,6 @@
 """Recording in real time: 1280x720 at 30 pictures a second and 100 states a second, as PNG and raw.
 
-It takes a minute; LABRIG_BENCHMARK_SECONDS=600 takes ten minutes of each, and 9 GB and 17 GB of the disk while it runs.
+It takes a minute; LABRIG_BENCHMARK_TIMES=20 takes ten minutes of each, and 9 GB and 17 GB of the disk while it runs.
 """
 
 import tempfile
@@ -15,11 +15,11 @@ from labrig.record.pictures import Picture, Store
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.simulation.world import World
-from tests.benchmarks.table import print_rows, read_count
+from tests.benchmarks.table import multiply, print_rows
 from tests.record.runs import ENDED, begin
 
 RIG = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
-SECONDS = read_count("SECONDS", 30)
+SECONDS = multiply(30)
 PICTURES_HZ, STATES_HZ, PICTURES = 30, 100, 20
 # OpenCV asks a V4L2 camera for four buffers: a picture is lost when the fourth after it is due.
 LATEST_S = 4 / PICTURES_HZ

@@ -1,4 +1,4 @@
-"""Counts from the environment, printing of tables, and measurement of a command."""
+"""How much a figure is from, printing of tables, and measurement of a command."""
 
 import os
 import resource
@@ -13,9 +13,9 @@ from pathlib import Path
 import psutil
 
 
-def read_count(name: str, default: int) -> int:
-    """Return `LABRIG_BENCHMARK_NAME`, which sets how much a figure is from."""
-    return int(os.environ.get(f"LABRIG_BENCHMARK_{name}", str(default)))
+def multiply(usual: int) -> int:
+    """Return how much a figure is from: as usual, `LABRIG_BENCHMARK_TIMES` times."""
+    return usual * int(os.environ.get("LABRIG_BENCHMARK_TIMES", "1"))
 
 
 def print_rows(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

@@ -7,8 +7,6 @@ what the computer has. Where the time goes: `python -m cProfile -s tottime -m la
 `wandering` lets the needle wander out of the plane more than the protocol says, and counts false successes. A run
 judges itself by its last picture, which tells the needle's depth by its width and length; the world knows where its
 tip is. Where the needle wanders as the protocol says, the same runs show what that caution costs.
-
-LABRIG_BENCHMARK_WORLDS sets how many insertions each figure is from, 20 unless set.
 """
 
 import os
@@ -28,11 +26,11 @@ from labrig.protocol.load import load_protocol
 from labrig.runner.dry_run import simulate
 from labrig.runner.sight import load_plane_map
 from labrig.vision.plane import PlaneMap
-from tests.benchmarks.table import print_rows, read_count
+from tests.benchmarks.table import multiply, print_rows
 
 ROOT = Path(__file__).parents[2]
 PROTOCOL, RIG = ROOT / "protocols" / "insertion.yaml", ROOT / "calibration" / "rig-simulated.yaml"
-INSERTIONS = read_count("WORLDS", 20)
+INSERTIONS = multiply(20)
 WANTED = {"default": "10", "every 20 mm": "40"}
 """Insertions a second that are wanted of two processes."""
 _EVERY_20_MM = (

@@ -27,7 +27,7 @@ GROUPS = {
     "speed": {
         "start-up": "start_up.print_start_up", "catalogue": "start_up.print_catalogue",
         "can-load": "can_load.print_table", "recording": "recording.print_table",
-        "sweep": "sweep.print_table", "reanalyze": "reanalyze.print_table",
+        "sweep": "sweep.print_table",
     },
     "insertions": {
         "insertion": "insertion.print_table",

@@ -133,16 +133,19 @@ class CampaignFile(Model):
         return () if self.stop_when is None else tuple(looks)
 
     @property
+    def ranges(self) -> dict[str, Range]:
+        """The dotted keys that are sampled, and the range of each."""
+        return {} if self.sample is None else self.sample.keys
+
+    @property
     def varied_keys(self) -> tuple[str, ...]:
         """The dotted keys that differ between tasks, in the order of the file."""
-        drawn = () if self.sample is None else self.sample.keys
-        return tuple(dict.fromkeys(chain(*self.arms.values(), self.vary, drawn)))
+        return tuple(dict.fromkeys(chain(*self.arms.values(), self.vary, self.ranges)))
 
     def conflicts(self) -> Iterable[Conflict]:
         """Yield keys and values that are given twice or mean nothing, and campaigns that are too large."""
-        drawn = {} if self.sample is None else self.sample.keys
         named = dict.fromkeys(chain(*self.arms.values()))
-        sections = {"set": self.set, "arms": named, "vary": self.vary, "sample.keys": drawn}
+        sections = {"set": self.set, "arms": named, "vary": self.vary, "sample.keys": self.ranges}
         first: dict[str, str] = {}
         for section, key in ((section, key) for section, keys in sections.items() for key in keys):
             yield from _judge_key(section, key, self.depth)

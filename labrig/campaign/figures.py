@@ -1,6 +1,7 @@
 """Figures of a campaign: its arms, and the measure over the keys that were drawn."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -11,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import ArmResult, read_values
+from labrig.campaign.statistics import BROKEN_OFF, WITHOUT_VALUE, ArmResult, find_failing, read_values
 from labrig.protocol.model import Interval
 from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg
 from labrig.report.formatting import label_key, name_settings
 from labrig.report.palette import Mark, mark
-from labrig.text import tell_value
+from labrig.text import split_quantity, tell_value
 
 MOST_ARMS = 40
 """More of them are a carpet; the table has them."""
@@ -24,28 +25,27 @@ _MOST_PANELS = 6
 _BINS = 12
 _LEAST_IN_BIN = 5
 _MOST_VECTORS = 300
-_MOST_OF_MEDIAN = 10.0
-"""Values above this many medians would press all others to the lower edge: the axis is logarithmic."""
 _SHARES = LinearSegmentedColormap.from_list("shares", ("#ffffff", "#56b4e9"))
+_SIGNS = {"missed": "x", BROKEN_OFF: "^", WITHOUT_VALUE: "s"}
+_SIGN: dict[str, Any] = {"color": "#b02a00", "mfc": "white", "markersize": 8, "mew": 1.8, "clip_on": False}
 _APART = 0.22
 """Of rows: the median stands above the mean and the values below it, not on it."""
 
 
 def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None:
-    """Draw the values of each arm, their mean with its interval, and the share within the tolerance.
+    """Draw the values of each arm, their mean with its interval, the share within the tolerance, and the differences.
 
     None for too many arms.
     """
     if len(result.arms) > MOST_ARMS:
         return None
-    panels = 1 if result.tolerance is None else 2
+    panels = 1 + (result.tolerance is not None) + bool(result.pairs)
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 1.1 + 0.62 * len(result.arms)), layout="constrained")
         axes = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
         known = read_values(table, result.measure)
-        intervals = [arm.ci95 for arm in result.arms]
         drawn = [*known[~np.isnan(known)].tolist(), *([] if result.tolerance is None else [result.tolerance])]
-        axes[0].set_xlim(choose_limits(drawn, intervals))
+        axes[0].set_xlim(choose_limits(drawn, [arm.ci95 for arm in result.arms]))
         if result.tolerance is not None:
             axes[1].set_xlim(-3, 103)  # room for the caps at 0 and 100
         for place, arm in enumerate(result.arms):
@@ -59,9 +59,23 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
             axes[0].axvline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
             axes[1].tick_params(labelleft=True)  # below one another, each panel needs its own names
             axes[1].set_xlabel(f"share within {tell_value(result.tolerance, result.measure)} (%)")
+        if result.pairs:
+            _draw_pairs(axes[-1], result)
         for panel in axes:
             panel.grid(visible=True, axis="x")
         return svg(figure, "arms")
+
+
+def _draw_pairs(axes: Axes, result: CampaignResult) -> None:
+    """Draw the mean of the paired differences of each further arm from the first."""
+    known = [(place, pair, pair.mean) for place, pair in enumerate(result.pairs, 1) if pair.mean is not None]
+    axes.set_xlim(choose_limits([0.0, *(mean for *_, mean in known)], [pair.ci95 for pair in result.pairs]))
+    axes.axvline(0.0, color="#555555", linewidth=1.0)
+    for place, pair, mean in known:
+        _draw_interval(axes, place, mark(place), mean, pair.ci95)
+    axes.tick_params(labelleft=True)
+    unit = split_quantity(result.measure)[1]
+    axes.set_xlabel(f"difference from {_shorten(result.pairs[0].a)}{f' ({unit})' if unit else ''}")
 
 
 def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult, values: Sequence[float]) -> None:
@@ -85,8 +99,12 @@ def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Int
 def draw_over_points(
     result: CampaignResult, table: pd.DataFrame, keys: Sequence[str], name: str
 ) -> DrawnFigure | None:
-    """Draw the measure over sampled keys, point by point, with median and quartiles of each part of the range."""
-    known = table[table["error"].isna() & ~np.isnan(read_values(table, result.measure))]
+    """Draw the measure over sampled keys, point by point, with median and quartiles of each part of the range.
+
+    Tasks that failed outright are on the upper edge.
+    """
+    sound = table[table["error"].isna()]
+    known = sound[~np.isnan(read_values(sound, result.measure))]
     shown = keys[:_MOST_PANELS]
     if known.empty or not shown:
         return None
@@ -96,6 +114,9 @@ def draw_over_points(
         panels = figure.subplots(rows, min(3, len(shown)), squeeze=False).ravel()
         for panel, key in zip(panels, shown, strict=False):
             _draw_points(panel, known, key, result)
+            for end, failing in find_failing(sound, result.measure).items():
+                x, rim = sound.loc[failing, key], panel.get_xaxis_transform()
+                panel.plot(x, np.ones_like(x), _SIGNS[end], ls="", **_SIGN, transform=rim)
         for panel in panels[len(shown) :]:
             panel.remove()
         return svg(figure, name)
@@ -109,9 +130,6 @@ def _draw_points(axes: Axes, table: pd.DataFrame, key: str, result: CampaignResu
         low, middle, high = inside.quantile([0.25, 0.5, 0.75])
         axes.plot([part.mid] * 2, [low, high], "-", color="#000000", linewidth=1.5)
         axes.plot(part.mid, middle, "o", color="#000000", markersize=4)
-    if values.min() > 0.0 and values.max() > _MOST_OF_MEDIAN * values.median():
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter("{x:g}")
     if result.tolerance is not None:
         axes.axhline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
     axes.set_xlabel(label_key(key))
@@ -122,41 +140,43 @@ def _draw_points(axes: Axes, table: pd.DataFrame, key: str, result: CampaignResu
 def draw_map(
     result: CampaignResult,
     table: pd.DataFrame,
-    keys: tuple[str, str],
+    ranges: Mapping[str, Interval],
     circles: Sequence[tuple[float, float, float]],
     name: str,
 ) -> DrawnFigure:
-    """Draw where two sampled keys led within the tolerance: the share in each field, and every point.
+    """Draw where two sampled keys led within the tolerance: the share in each field, and every point by how it ended.
 
     Parameters
     ----------
     table : DataFrame
         The rows of one arm, without those that failed.
-    keys : tuple of str
-        Of the horizontal and of the vertical axis.
+    ranges : mapping
+        The keys of the horizontal and of the vertical axis, and the range of each.
     circles : sequence of tuple
         Centre and radius of each, such as an obstacle, in the units of the axes; drawn on top, in equal scales.
     """
-    x, y = (table[key].to_numpy(np.float64) for key in keys)
-    reached = read_values(table, result.measure) <= (result.tolerance or 0.0)
+    x, y = (table[key].to_numpy(np.float64) for key in ranges)
+    values = read_values(table, result.measure)
+    reached = values <= (result.tolerance or 0.0)
     fields = int(np.clip(np.sqrt(len(x) / _LEAST_IN_BIN), 1, 2 * _BINS))
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         axes = figure.subplots()
-        counts, x_edges, y_edges = np.histogram2d(x, y, fields)
+        counts, x_edges, y_edges = np.histogram2d(x, y, fields, [*ranges.values()])
         hits, _, _ = np.histogram2d(x, y, (x_edges, y_edges), weights=reached.astype(np.float64))
         share = np.ma.masked_where(counts == 0, hits / np.maximum(counts, 1.0)).T
         mesh = axes.pcolormesh(x_edges, y_edges, share, cmap=_SHARES, vmin=0, vmax=1, rasterized=True)
         many = len(x) > _MOST_VECTORS
-        axes.plot(x[reached], y[reached], ".", color="#00507d", markersize=3, rasterized=many)
+        axes.plot(x[reached], y[reached], ".", color="#00507d", markersize=3, rasterized=many, clip_on=False)
         for across, up, radius in circles:
             axes.add_patch(Circle((across, up), radius, facecolor="#c8c8c8", edgecolor="#888888"))
-        for colour, width in (("#ffffff", 4.5), ("#b02a00", 2.2)):  # misses are the news
-            axes.plot(x[~reached], y[~reached], "x", color=colour, markersize=8 + width, mew=width, zorder=3)
+        missed = values > (result.tolerance or 0.0)
+        for end, rows in {"missed": missed, **find_failing(table, result.measure)}.items():
+            axes.plot(x[rows], y[rows], _SIGNS[end], **_SIGN, zorder=3)
         if circles:
             axes.set_aspect("equal")
-        axes.set_xlabel(label_key(keys[0]))
-        axes.set_ylabel(label_key(keys[1]))
+        along, upwards = map(label_key, ranges)
+        axes.set(xlabel=along, ylabel=upwards)
         label = f"share within {tell_value(result.tolerance, result.measure)}"
         figure.colorbar(mesh, ax=axes, label=label, format="{x:.0%}")
         return svg(figure, name)

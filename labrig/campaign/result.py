@@ -5,7 +5,15 @@ from typing import Literal
 
 import pandas as pd
 
-from labrig.campaign.statistics import ArmResult, PairResult, compare_arms, correlate, judge_arm
+from labrig.campaign.statistics import (
+    ArmResult,
+    PairResult,
+    compare_arms,
+    correlate,
+    count_alike,
+    judge_arm,
+    name_ends,
+)
 from labrig.campaign.tasks import LoadedCampaign, write_overrides
 from labrig.protocol.model import Model
 
@@ -13,7 +21,10 @@ _WORST = 5
 
 
 class WorstCase(Model):
-    """A task of the largest values, or without any, and the command that makes it again as a run with pictures."""
+    """A task of the largest values, or without any, and the command that makes it again as a run with pictures.
+
+    One that was broken off has what was left of its way.
+    """
 
     task: int
     arm: str
@@ -22,18 +33,11 @@ class WorstCase(Model):
     command: tuple[str, ...]
 
 
-class Failure(Model):
-    """An error, and how many tasks ended with it."""
-
-    error: str
-    tasks: int
-    first: int
-
-
 class CampaignResult(Model):
     """What a campaign found.
 
-    `rank_correlations` are Spearman's, of the measure with each sampled key. `table` is the file of its rows.
+    `rank_correlations` are Spearman's with each sampled key: of the measure, of being broken off, of having no value.
+    `table` is the file of its rows. `failures` counts the errors of tasks that were not computed.
     `ended` says whether all of its tasks are done, a rule ended it before, or it can go on.
     """
 
@@ -53,9 +57,9 @@ class CampaignResult(Model):
     ended: Literal["complete", "by_rule", "incomplete"]
     arms: tuple[ArmResult, ...]
     pairs: tuple[PairResult, ...]
-    rank_correlations: dict[str, float]
+    rank_correlations: dict[str, dict[str, float]]
     worst: tuple[WorstCase, ...]
-    failures: tuple[Failure, ...]
+    failures: dict[str, int]
 
 
 def make_result(
@@ -77,7 +81,6 @@ def make_result(
     arms = tuple(
         judge_arm(table[table["arm"] == arm.name], arm.name, arm.settings, by) for arm in loaded.arms
     )
-    is_whole = len(table) >= loaded.count
     return CampaignResult(
         campaign=campaign.campaign,
         title=campaign.title,
@@ -91,12 +94,12 @@ def make_result(
         tasks=loaded.count,
         done=len(table),
         failed=sum(arm.failed for arm in arms),
-        ended="by_rule" if by_rule else "complete" if is_whole else "incomplete",
+        ended="by_rule" if by_rule else "complete" if len(table) >= loaded.count else "incomplete",
         arms=arms,
         pairs=compare_arms(table, names, by) if len(names) > 1 else (),
-        rank_correlations=correlate(table, campaign.sample.keys if campaign.sample else (), by),
+        rank_correlations=correlate(table, [*campaign.ranges], by),
         worst=_find_worst(loaded, table),
-        failures=_count_failures(table),
+        failures=count_alike(table["error"].dropna()),
     )
 
 
@@ -105,13 +108,13 @@ def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase,
     measure, sound = loaded.by.quantity, table[table["error"].isna()]
     if measure not in table.columns:
         return ()
-    ordered = sound.sort_values([measure, "task"], ascending=[False, True])
+    ordered = sound.assign(end=name_ends(sound)).sort_values([measure, "task"], ascending=[False, True])
     return tuple(
         WorstCase(
             task=row["task"],
             arm=row["arm"],
             value=None if pd.isna(row[measure]) else row[measure],
-            end=row["exit_status"] if pd.isna(row["reason"]) else row["reason"],
+            end=row["end"],
             command=_write_command(loaded, row["task"]),
         )
         for row in ordered.head(_WORST).to_dict("records")
@@ -125,13 +128,3 @@ def _write_command(loaded: LoadedCampaign, number: int) -> tuple[str, ...]:
     of_rig = () if loaded.rig is None else ("--rig", str(loaded.rig))
     changes = (part for setting in settings for part in ("--set", setting))
     return ("labrig", "run", str(loaded.base), *of_rig, "--seed", str(task.seed), *changes)
-
-
-def _count_failures(table: pd.DataFrame) -> tuple[Failure, ...]:
-    """Return the errors of tasks, the most frequent first."""
-    failed = table[table["error"].notna()]
-    found = [
-        Failure(error=str(error), tasks=len(rows), first=int(rows["task"].min()))
-        for error, rows in failed.groupby("error")
-    ]
-    return tuple(sorted(found, key=lambda failure: (-failure.tasks, failure.first)))

@@ -6,7 +6,7 @@ same seed and point (common random numbers); with several arms their intervals h
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 
@@ -18,6 +18,7 @@ from scipy.stats import binomtest
 
 from labrig.analysis.statistics import Spread, compute_spread
 from labrig.campaign.campaign_file import CampaignFile
+from labrig.campaign.store import make_table
 from labrig.errors import InputError
 from labrig.protocol.model import Model
 from labrig.protocol.sections import Criterion
@@ -25,6 +26,10 @@ from labrig.protocol.sections import Criterion
 Interval = tuple[float, float]
 FloatArray = NDArray[np.float64]
 
+BROKEN_OFF, WITHOUT_VALUE = "broken_off", "without_value"
+"""Of a task: it was stopped on the way, which its row tells; it has no value for another reason."""
+_MEASURED = r"\b\d+\.\d\d mm"
+"""What differs between tasks with the same reason; a limit has fewer decimals."""
 _LEAST_FOR_QUANTILE = 10
 """Values; the 90 % quantile of fewer lies between the two largest, whatever the others are."""
 
@@ -32,15 +37,18 @@ _LEAST_FOR_QUANTILE = 10
 class ArmResult(Model):
     """What came of an arm.
 
-    `tasks` are done, of which `failed` ended with an error and count for nothing else; `n` have a value of the measure.
-    `q90` is None below ten of them. `within_tolerance` are those at most as large as the tolerance; None without one. A
-    task without a value has not reached it. `ends` counts how they ended, `success` or the reason.
+    `tasks` are done, of which `failed` ended with an error and count for nothing else. `n` came to their end with a
+    value of the measure, `broken_off` were stopped on the way, which is no value, and others have none. `q90` is None
+    below ten values. `within_tolerance` are those at most as large as the tolerance; None without one. A task without a
+    value has not reached it. `false_successes` ended as a success beyond it. `ends` counts how they ended: `success`,
+    `broken_off`, or the reason.
     """
 
     name: str
     settings: dict[str, object]
     tasks: int
     failed: int
+    broken_off: int
     n: int
     mean: float | None
     ci95: Interval | None
@@ -50,6 +58,7 @@ class ArmResult(Model):
     within_tolerance: int | None
     share: float | None
     share_ci95: Interval | None
+    false_successes: int | None
     ends: dict[str, int]
 
 
@@ -95,18 +104,22 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
     known = values[~np.isnan(values)]
     spread = spread_values(known.tolist(), by.quantity)
     reached = None if by.tolerance is None else int((known <= by.tolerance).sum())
+    ended = name_ends(sound)
+    is_false = (ended == "success").to_numpy(bool, na_value=False) & (values > (by.tolerance or 0.0))
     return ArmResult(
         name=name,
         settings=dict(settings),
         tasks=len(table),
         failed=len(table) - len(sound),
+        broken_off=int((ended == BROKEN_OFF).sum()),
         **vars(spread),
         median=float(np.median(known)) if len(known) else None,
         q90=float(np.quantile(known, 0.9)) if len(known) >= _LEAST_FOR_QUANTILE else None,
         within_tolerance=reached,
         share=None if reached is None or not len(sound) else reached / len(sound),
         share_ci95=None if reached is None else bound_share(reached, len(sound)),
-        ends=count_ends(sound),
+        false_successes=None if reached is None else int(is_false.sum()),
+        ends=count_alike(ended),
     )
 
 
@@ -118,10 +131,26 @@ def spread_values(values: Sequence[float], quantity: str) -> Spread:
     return replace(spread, ci95=(max(0.0, spread.ci95[0]), spread.ci95[1]))
 
 
-def count_ends(table: pd.DataFrame) -> dict[str, int]:
-    """Return how tasks ended, the most frequent first: `success`, or the reason."""
+def name_ends(table: pd.DataFrame) -> "pd.Series[str]":
+    """Return how each task ended: `success`, `broken_off`, or the reason."""
     ends = table["reason"].where(table["exit_status"] != "success", "success").fillna(table["exit_status"])
-    return dict(Counter(ends.astype(str)).most_common())
+    return ends.astype(str).mask(_find_broken_off(table), BROKEN_OFF)
+
+
+def count_alike(texts: "pd.Series[str]") -> dict[str, int]:
+    """Return how often each text is there, the most frequent first, whatever lengths were measured in it."""
+    return dict(Counter(texts.str.replace(_MEASURED, "… mm", regex=True)).most_common())
+
+
+def _find_broken_off(table: pd.DataFrame) -> "pd.Series[bool]":
+    told = pd.Series(table.get(BROKEN_OFF, 0), table.index, dtype="boolean")
+    return told.fillna(value=False).astype(bool)
+
+
+def find_failing(table: pd.DataFrame, measure: str) -> dict[str, NDArray[np.bool_]]:
+    """Return which tasks were broken off on the way, and which others have no value of the measure."""
+    off = _find_broken_off(table).to_numpy()
+    return {BROKEN_OFF: off, WITHOUT_VALUE: ~off & np.isnan(read_values(table, measure))}
 
 
 def bound_share(count: int, of: int) -> Interval | None:
@@ -133,10 +162,10 @@ def bound_share(count: int, of: int) -> Interval | None:
 
 
 def read_values(table: pd.DataFrame, measure: str) -> FloatArray:
-    """Return a column as numbers (N,), NaN where a task has no value, or no task has the column."""
-    if measure not in table.columns:
-        return np.full(len(table), np.nan)
-    return pd.to_numeric(table[measure], errors="coerce").to_numpy(np.float64, na_value=np.nan)
+    """Return a column as numbers (N,), NaN where a task has no value or was broken off, or no task has the column."""
+    column = table.get(measure, pd.Series(np.nan, table.index))
+    values = pd.to_numeric(column, errors="coerce").mask(_find_broken_off(table))
+    return values.to_numpy(np.float64, na_value=np.nan)
 
 
 def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Criterion) -> tuple[PairResult, ...]:
@@ -145,12 +174,20 @@ def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Criterion) -> tu
     return tuple(_compare(table, first, other, by, len(others)) for other in others)
 
 
-def correlate(table: pd.DataFrame, keys: Iterable[str], by: Criterion) -> dict[str, float]:
-    """Return Spearman's rank correlation of the measure with each sampled key; none over fewer than ten values."""
-    found = table.assign(value=read_values(table, by.quantity))
-    known = found[found["error"].isna()].dropna(subset="value")
-    ranks = known[[*keys, "value"]].corr("spearman")["value"].drop("value").dropna()
-    return {str(key): float(rank) for key, rank in ranks.items() if len(known) >= _LEAST_FOR_QUANTILE}
+def correlate(table: pd.DataFrame, keys: Sequence[str], by: Criterion) -> dict[str, dict[str, float]]:
+    """Return Spearman's rank correlations with each sampled key: of the measure, and of each way to fail outright.
+
+    A task without a value ranks behind all others if there is a tolerance, which says that less is better; without one
+    it is left out. Fewer than ten tasks have no correlation.
+    """
+    sound = table[table["error"].isna()]
+    worst = math.nan if by.tolerance is None else math.inf
+    value = pd.Series(read_values(sound, by.quantity), sound.index).fillna(worst)
+    ends = pd.DataFrame({by.quantity: value, **find_failing(sound, by.quantity)}).rank()
+    found = sound[[*keys]].join(ends).corr("spearman").loc[[*keys]]
+    if len(sound) < _LEAST_FOR_QUANTILE:
+        return {}
+    return {str(end): {key: found[end][key] for key in found[end].dropna().index} for end in ends}
 
 
 def _compare(table: pd.DataFrame, a: str, b: str, by: Criterion, pairs: int) -> PairResult:
@@ -190,10 +227,6 @@ def ends_by_rule(file: CampaignFile, by: Criterion, rows: Sequence[Mapping[str, 
     repetitions, rest = divmod(len(rows), file.round_tasks)
     if file.stop_when is None or rest or repetitions not in file.looks:
         return False
-    arms: dict[object, list[float]] = {row["arm"]: [] for row in rows}
-    for row in rows:
-        value = row.get(by.quantity)
-        if row.get("error") is None and isinstance(value, int | float):
-            arms[row["arm"]].append(value)
-    intervals = [spread_values(values, by.quantity).ci95 for values in arms.values()]
+    arms = make_table(rows).groupby("arm")
+    intervals = [judge_arm(table, str(name), {}, by).ci95 for name, table in arms]
     return all(ci95 and ci95[1] - ci95[0] <= file.stop_when.ci95_width_mm for ci95 in intervals)

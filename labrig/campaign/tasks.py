@@ -1,6 +1,7 @@
 """The tasks of a campaign: read with all that they are made from, known by their numbers, computed in workers."""
 
 import json
+import math
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -46,6 +47,11 @@ class Arm:
     protocol: ExperimentProtocol
     rig: RigDescription | None
     calibration: Mapping[str, str]
+
+    def describe(self) -> dict[str, object]:
+        """Return protocol and rig as JSON."""
+        models = {"protocol": self.protocol, "rig": self.rig}
+        return {name: None if each is None else each.model_dump(mode="json") for name, each in models.items()}
 
 
 @dataclass(frozen=True)
@@ -103,8 +109,11 @@ class LoadedCampaign:
 
     def find_drawn(self, point: int) -> dict[str, object]:
         """Return the values of the sampled keys at a point; empty without a sample."""
-        keys = () if self.file.sample is None else self.file.sample.keys
-        return dict(zip(keys, self._points[point].tolist(), strict=True))
+        values = zip(self.file.ranges.items(), self._points[point].tolist(), strict=True)
+        # In few digits, so that a command is readable and makes just this task.
+        return {
+            key: round(value, 5 - math.floor(math.log10(high - low))) for (key, (low, high)), value in values
+        }
 
     def find_task(self, number: int) -> Task:
         """Return a task.
@@ -131,17 +140,13 @@ class LoadedCampaign:
         rule = self.file.stop_when
         looked_at = {"repetitions": self.file.repetitions, "measure": self.by.quantity}
         free = {"title", "tolerance", "base", "rig", "stop_when", *looked_at}
-        models = [
-            [None if model is None else model.model_dump(mode="json") for model in (arm.protocol, arm.rig)]
-            for arm in self.arms
-        ]
+        arms = [arm.describe() for arm in self.arms]
         return {
             "rule": None if rule is None else {**rule.model_dump(mode="json"), **looked_at},
             "campaign": self.file.model_dump(mode="json", exclude=free),
-            "protocol": models[0][0],
-            "rig": models[0][1],
+            **arms[0],
             "calibration": self.arms[0].calibration,
-            "sha256_of_arms": sha256(json.dumps(models).encode()).hexdigest(),
+            "sha256_of_arms": sha256(json.dumps(arms).encode()).hexdigest(),
             "installation": describe_installation(),
         }
 
@@ -238,9 +243,8 @@ def _load_arm(file: CampaignFile, base: Path, rig: Path | None, name: str, value
         arm = Arm(name, values, protocol, None, {})
     else:
         arm = Arm(name, values, protocol, _detach(found), _hash_calibration(found))
-    ranges = {} if file.sample is None else file.sample.keys
-    for end in (0, 1) if ranges else ():
-        make_models(arm, {key: limits[end] for key, limits in ranges.items()}, file.seed)
+    for end in (0, 1) if file.ranges else ():
+        make_models(arm, {key: limits[end] for key, limits in file.ranges.items()}, file.seed)
     return arm
 
 

@@ -16,9 +16,16 @@ from scipy import stats
 
 from labrig.campaign.campaign_file import CampaignFile
 from labrig.campaign.figures import draw_map
-from labrig.campaign.page import merge_ends, write_page
+from labrig.campaign.page import write_page
 from labrig.campaign.result import CampaignResult, make_result
-from labrig.campaign.statistics import bound_share, compare_arms, correlate, ends_by_rule, judge_arm
+from labrig.campaign.statistics import (
+    bound_share,
+    compare_arms,
+    correlate,
+    count_alike,
+    ends_by_rule,
+    judge_arm,
+)
 from labrig.campaign.store import make_table
 from labrig.campaign.tasks import LoadedCampaign, Task, make_row
 from labrig.protocol.sections import Criterion
@@ -132,7 +139,7 @@ def test_the_share_of_a_field_stands_where_its_points_are() -> None:
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, 20), np.linspace(0, 1, 20)))
     table = pd.DataFrame({"x": x, "y": y, "error_mm": np.where((x > 0.5) & (y < 0.5), 1.0, 3.0)})
     result = cast("CampaignResult", SimpleNamespace(measure="error_mm", tolerance=2.0))
-    axes = draw_map(result, table, ("x", "y"), (), "map").figure.axes[0]
+    axes = draw_map(result, table, {"x": (0, 1), "y": (0, 1)}, (), "map").figure.axes[0]
     shares = np.asarray(axes.collections[0].get_array())
     assert (shares[0, -1], shares[-1, 0], shares[0, 0], shares[-1, -1]) == (1.0, 0.0, 0.0, 0.0)
 
@@ -163,7 +170,7 @@ def test_an_arm_has_mean_share_and_ends_of_the_tasks_that_did_not_fail() -> None
     assert found.ci95 == pytest.approx((0.0, reference.high))
     assert (found.within_tolerance, found.share) == (2, 0.5)
     assert found.ends == {"success": 2, "target_missed": 2}
-    assert dict(merge_ends({"0.5 mm off": 1, "b": 1, "10 mm off": 2})) == {"0.5 to 10 mm off": 3, "b": 1}
+    assert count_alike(pd.Series(["0.51 mm off", "b", "10.20 mm off"])) == {"… mm off": 2, "b": 1}
 
 
 def test_without_values_there_are_no_figures_and_the_interval_of_a_share_is_wilsons() -> None:
@@ -177,8 +184,17 @@ def test_without_values_there_are_no_figures_and_the_interval_of_a_share_is_wils
 def test_the_rank_correlation_tells_which_sampled_key_matters() -> None:
     """1 for a key with which the measure rises, however bent, and none from fewer than ten values."""
     rows = table({"a": [0.1, 0.2, 0.5, 0.9, 1.0, 1.2, 1.3, 5.0, 7.0, 50.0]}).assign(steps=range(10))
-    assert correlate(rows, ("steps",), BY) == {"steps": pytest.approx(1.0)}
+    assert correlate(rows, ("steps",), BY)["error_mm"] == {"steps": pytest.approx(1.0)}
     assert correlate(rows[:9], ("steps",), BY) == {}
+    lost = rows.assign(error_mm=rows["error_mm"].where(rows["steps"] > 1), broken_off=rows["steps"] == 9)
+    found = correlate(lost, ("steps",), BY)
+    assert found["error_mm"]["steps"] == pytest.approx(
+        lost["steps"].corr(lost["error_mm"].mask(lost["steps"] == 9).fillna(99.0), "spearman")
+    )
+    assert found["broken_off"]["steps"] > 0.5 > -0.5 > found["without_value"]["steps"]
+    arm = judge_arm(lost, "a", {}, BY)
+    assert (arm.n, arm.broken_off, arm.within_tolerance, arm.false_successes) == (7, 1, 5, 0)
+    assert (arm.mean, arm.ends["broken_off"]) == (pytest.approx(2.27, abs=0.2), 1)
 
 
 def test_differences_are_over_pairs_with_the_same_seed() -> None:

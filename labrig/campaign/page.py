@@ -66,13 +66,11 @@ def write_page(
             write_figure(folder, figure)
     shown = {
         "content": result,
-        "file": loaded.file,
         "measure": label_key(result.measure),
         "quantity": split_quantity(result.measure),
         "chance": chance,
         "clear": clear,
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
-        "made": loaded.describe(),
         "bounded": bounded,
         "apart": [pair for pair, (low, high) in bounded.items() if not low <= 0.0 <= high],
         "loaded": loaded,

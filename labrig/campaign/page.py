@@ -1,6 +1,7 @@
 """The page of a campaign, its result as a document, and its figures, in the campaign's folder."""
 
 import math
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from labrig.text import split_key, split_quantity, tell_value
 RESULT_FILE = "result.json"
 _MOST_COLUMNS = 5
 """Arms whose settings stand beside one another."""
-TEMPLATE = Path(__file__).parent / "page.html.jinja"
 
 
 def write_page(
@@ -61,7 +61,7 @@ def write_page(
     first = 0 if result.pairs else min(max(1, len(set().union(*clear.values()))), 3)
     front = draw_over_points(result, table, ordered[:first], "over-first")
     points = draw_over_points(result, table, ordered[first:], "over-points")
-    for figure in (arms := draw_arms(result, table), front, points, *(figure for _, figure in maps)):
+    for figure in (arms := draw_arms(result, table), front, points, *dict(maps).values()):
         if figure is not None:
             write_figure(folder, figure)
     shown = {
@@ -82,9 +82,16 @@ def write_page(
         "circles": circles,
         "written": tell_writing(created),
     }
+    page, template = folder / REPORT_FILE, Path(__file__).with_name("page.html.jinja")
+    write_document(page, template, shown, _make_filters(result))
+    return page
+
+
+def _make_filters(result: CampaignResult) -> dict[str, Callable[..., str]]:
+    """Return how numbers and keys are written on the page."""
     # As many decimals as the narrowest interval of a mean deserves.
     decimals = max(2, count_decimals((arm.ci95 for arm in result.arms), (arm.mean for arm in result.arms), 6))
-    filters = {
+    return {
         "digits": lambda value: number(value, decimals),
         "plus": lambda value: signed(value, decimals),
         "with_unit": lambda value: tell_value(value, result.measure),
@@ -92,7 +99,4 @@ def write_page(
         "in_words": lambda key: split_key(key)[0],
         "with_key_unit": tell_value,
         "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
-        "points": lambda value: "–" if value is None else signed(100 * value, 1),
     }
-    write_document(folder / REPORT_FILE, TEMPLATE, shown, filters)
-    return folder / REPORT_FILE

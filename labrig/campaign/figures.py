@@ -116,7 +116,9 @@ def draw_over_points(
             _draw_points(panel, known, key, result)
             for end, failing in find_failing(sound, result.measure).items():
                 x, rim = sound.loc[failing, key], panel.get_xaxis_transform()
-                panel.plot(x, np.ones_like(x), _SIGNS[end], ls="", **_SIGN, transform=rim)
+                # Outside the panel: the layout makes no room for them.
+                (signs,) = panel.plot(x, np.ones_like(x, float), _SIGNS[end], ls="", **_SIGN, transform=rim)
+                signs.set_in_layout(False)
         for panel in panels[len(shown) :]:
             panel.remove()
         return svg(figure, name)

@@ -115,10 +115,9 @@ def draw_over_points(
         for panel, key in zip(panels, shown, strict=False):
             _draw_points(panel, known, key, result)
             for end, failing in find_failing(sound, result.measure).items():
-                x, rim = sound.loc[failing, key], panel.get_xaxis_transform()
                 # Outside the panel: the layout makes no room for them.
-                (signs,) = panel.plot(x, np.ones_like(x, float), _SIGNS[end], ls="", **_SIGN, transform=rim)
-                signs.set_in_layout(False)
+                signs = {"ls": "", "in_layout": False, "transform": panel.get_xaxis_transform(), **_SIGN}
+                panel.plot(sound.loc[failing, key], np.ones(int(failing.sum())), _SIGNS[end], **signs)
         for panel in panels[len(shown) :]:
             panel.remove()
         return svg(figure, name)

@@ -1,7 +1,7 @@
 """The page of an insertion run: figure 9 of the paper, and the estimated tip along the way."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -61,11 +61,12 @@ class ShownInsertion:
 def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult]) -> Page:
     """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
     content, plane, events = result.content, load_plane_map(run), read_scenes(run)
+    targets = {line["trial"]: line["target_mm"] for line in run.lines("truth") if line.get("target_mm")}
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     parts = {
         "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
         "shown": [
-            _draw_insertion(run, protocol, trial, events.get(trial.trial, ()))
+            _draw_insertion(run, protocol, trial, events.get(trial.trial, ()), Scene(plane), targets=targets)
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
         "zeros": run.read_events(InsertionStart, RollZeroFound),
@@ -76,13 +77,17 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
 
 
 def _draw_insertion(
-    run: Run, protocol: InsertionProtocol, trial: InsertionTrial, events: Sequence[Event]
+    run: Run,
+    protocol: InsertionProtocol,
+    trial: InsertionTrial,
+    events: Sequence[Event],
+    scene: Scene,
+    *,
+    targets: Mapping[int, Sequence[float]],
 ) -> ShownInsertion:
     plans = [event for event in events if isinstance(event, PathSought)]
     figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
-    truths = () if trial.markers else run.lines("truth")
-    targets = {line["trial"]: line["target_mm"] for line in truths if line.get("target_mm")}
-    true_mm, panels, scene = targets.get(trial.trial), list[Panel](), Scene(load_plane_map(run))
+    true_mm, panels = None if trial.markers else targets.get(trial.trial), list[Panel]()
     for event in events:
         scene.take(event)
         if isinstance(event, PathSought) and any(event is plan for plan in _select_plans(plans)):

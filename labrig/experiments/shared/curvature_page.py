@@ -13,7 +13,7 @@ from labrig.analysis.comparison import Comparison, compare_runs
 from labrig.analysis.measurements import read_measured
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult, CentreLines, load_centre_lines
-from labrig.errors import LabrigError
+from labrig.errors import InputError
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult, SpecimenResult
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import draw_picture
@@ -71,7 +71,7 @@ def make_curvature_page(
 
 def _compare_gels(run: Run, result: AnalysisResult[CurvatureResult]) -> Comparison | None:
     """Return the gels compared as `labrig compare` compares them; None where there is nothing to compare."""
-    with suppress(LabrigError):
+    with suppress(InputError):
         return compare_runs([read_measured(run, int(result.path.name))], quantity="radius_mm").comparison
     return None
 

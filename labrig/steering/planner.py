@@ -18,11 +18,11 @@ from labrig.steering.refusal import explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
 from labrig.steering.score import find_worst_miss_and_gap, pick_best_feasible
 
-Effort = Literal["quick", "closer", "thorough", "best"]
+Effort = Literal["quick", "closer", "thorough", "improving"]
 """How long a search goes on without a path: as long as a moving needle can wait, without mending, or to its end.
 
-"best" goes on with a path too: for some rounds a better one is sought than the first, which has few arcs. They take a
-quarter of a second before the needle moves, and what they find costs up to a sixth less.
+"improving" goes on with a path too: for some rounds a better one is sought than the first, which has few arcs. They
+take a quarter of a second before the needle moves, and what they find costs up to a sixth less.
 """
 
 _IMPROVING_ROUNDS = 6
@@ -94,7 +94,7 @@ def plan_path(
         "best" enumerates paths (in the plane) or starts many times (free rolls), and takes the best feasible path of
         the first round that has one; "paper" is the paper's resolved motion rate with null-space avoidance, made
         robust, for comparison.
-    effort : {"quick", "closer", "thorough", "best"}
+    effort : {"quick", "closer", "thorough", "improving"}
         Of "best". It is a number of rounds and not a time, so that the same problem has the same plan on any machine.
         Without a path the thorough search takes seconds, which is too long while the needle moves.
     present : (n, 2) array, optional
@@ -109,7 +109,7 @@ def plan_path(
         [] if present is None or method == "paper" else [mend_paths(present[None], around, _MENDING_STEPS)]
     )
     search = _search_in_rounds(around, known, method, effort)
-    rounds = _IMPROVING_ROUNDS if effort == "best" else 1
+    rounds = _IMPROVING_ROUNDS if effort == "improving" else 1
     found = [psi for psi in islice(search, rounds) if psi is not None]
     cheapest = found if len(found) < 2 else [pick_best_feasible([psi[None] for psi in found], around)]
     best = next((psi for psi in chain(cheapest, search) if psi is not None), None)

@@ -47,7 +47,7 @@ def replan(
     except InputError as error:
         return replace(tried, refusal=error.message) if stands else replace(tried, sought=occasion)
     present = _psi_ahead(state, settings) if state.plan.found else known
-    thorough: Effort = "best" if known is None else "thorough"
+    thorough: Effort = "improving" if known is None else "thorough"
     plan = plan_with_clearance(problem, settings, thorough if stands else "quick", present)
     if plan.found:
         return _follow(tried, plan, problem, settings)

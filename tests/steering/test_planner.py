@@ -277,7 +277,7 @@ def test_further_rounds_find_a_cheaper_path() -> None:
         axis=(0.0, 0.0, 1.0),
         max_off_axis_rad=lean_rad,
     )
-    first, better = (plan_path(problem, effort=effort).psi for effort in ("thorough", "best"))
+    first, better = (plan_path(problem, effort=effort).psi for effort in ("thorough", "improving"))
     assert not np.array_equal(first, better)
     cheaper = pick_best_feasible([first[None], better[None]], Surroundings(problem))
     np.testing.assert_array_equal(cheaper, better)

@@ -185,7 +185,8 @@ def _bind_units(page: Markup) -> Markup:
 
 def _select_said(words: Iterable[tuple[str, str]], page: Markup) -> list[tuple[str, str]]:
     """Return the words, with their meanings, that stand in the text of a page."""
-    text = page.striptags().replace("\u00a0", " ")
+    # Safe: a space is all that is added, so that a unit under a head does not join it.
+    text = Markup(str(page).replace("<span", " <span")).striptags().replace("\u00a0", " ")  # noqa: S704
     return [each for each in words if re.search(rf"\b{re.escape(each[0])}s?\b", text, re.IGNORECASE)]
 
 

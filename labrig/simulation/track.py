@@ -128,20 +128,22 @@ class PathNode(NamedTuple):
         the tip in the plane and out of it. The heading is the azimuth of a needle that leans: it changes by more than
         the angle through which the needle bends.
         """
-        lean = 0.5 * (self.bend_1_mm + bend_1_mm) * length_mm + wander[1]
-        along = math.cos(self.lean_rad + 0.5 * lean)
-        turn = (0.5 * (self.curvature_1_mm + curvature_1_mm) * length_mm + wander[0]) / along
-        middle = self.heading_rad + 0.5 * turn
-        chord = length_mm * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
-        in_plane = chord * along
+        before_mm, y_mm, z_mm, heading_rad, curved_1_mm, x_mm, lean_rad, bent_1_mm = self
+        lean = 0.5 * (bent_1_mm + bend_1_mm) * length_mm + wander[1]
+        halfway_rad = lean_rad + 0.5 * lean
+        along = math.cos(halfway_rad)
+        turn = (0.5 * (curved_1_mm + curvature_1_mm) * length_mm + wander[0]) / along
+        middle_rad = heading_rad + 0.5 * turn
+        chord_mm = length_mm * (1.0 - turn * turn / 24.0)  # of a short arc
+        in_plane_mm = chord_mm * along
         return PathNode(
-            self.arc_mm + length_mm if arc_mm is None else arc_mm,
-            self.y_mm + in_plane * math.sin(middle),
-            self.z_mm + in_plane * math.cos(middle),
-            self.heading_rad + turn,
+            before_mm + length_mm if arc_mm is None else arc_mm,
+            y_mm + in_plane_mm * math.sin(middle_rad),
+            z_mm + in_plane_mm * math.cos(middle_rad),
+            heading_rad + turn,
             curvature_1_mm,
-            self.x_mm + chord * math.sin(self.lean_rad + 0.5 * lean),
-            self.lean_rad + lean,
+            x_mm + chord_mm * math.sin(halfway_rad),
+            lean_rad + lean,
             bend_1_mm,
         )
 

@@ -91,7 +91,8 @@ class SteeringState:
         """Return the tip's pose (4, 4) at an insertion length ahead, and turned there; no further turn is before it."""
         straight_mm = settings.policy.closing_mm / 2
         steps = split_into_steps(self.insertion_mm, insertion_mm, self.turns, straight_mm)
-        steps.append(TipObservation(None, 0.0, turned_rad))
+        if turned_rad:
+            steps.append(TipObservation(None, 0.0, turned_rad))
         return advance_pose(self.tip, steps)
 
     def list_turns(self, roll_rad: float) -> list[TurnAhead]:

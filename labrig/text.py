@@ -61,7 +61,7 @@ def split_quantity(column: str) -> tuple[str, str | None]:
     last = column.rpartition(".")[2]
     parts = _WITH_UNIT.fullmatch(last)
     name = parts[1] if parts else last
-    words = re.sub(r"\bsd\b", "SD", name.replace("_", " "))
+    words = re.sub(r"\bsd\b", "SD", name.replace("_", " ").replace("ci95", "95 % interval"))
     return _QUANTITIES.get(name, words), _UNITS[parts[2]] if parts else None
 
 

@@ -254,7 +254,8 @@ def list_values(content: Result) -> dict[str, Quantity]:
             for number, row in enumerate(
                 table.astype(object).where(table.notna(), None).to_dict("records"), 1
             ):
-                values |= {f"{name} {number}: {column}": cell for column, cell in row.items()}
+                row_name = row.get("name", f"{name} {number}")
+                values |= {f"{row_name}: {column}": cell for column, cell in row.items()}
     return values
 
 

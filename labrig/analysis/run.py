@@ -128,7 +128,7 @@ def _resolve_protocol(
             named = ", ".join(each if "." in each else f"{each}.*" for each in known) or "nothing"
             raise InputError(
                 f"{override!r} cannot be changed after the run: only {named} can",
-                f"did you mean {near[0]}.?" if near else "run its protocol again",
+                f"did you mean {near[0]}.?" if near else "run the experiment again with it",
             )
     return load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model}, overrides)
 

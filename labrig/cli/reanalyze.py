@@ -107,7 +107,7 @@ def _show(path: Path, outcome: Any) -> Row:
         if old.content.overrides == outcome.content.overrides:
             print_agreement(found, place, ("before", "now"))
         elif first is not None:
-            print_line(f"other settings, other numbers; first {place}: {label_key(first.path)}")
+            print_line(f"other settings, other numbers{'' if frame is None else f', the first {place}'}")
         row |= {"verdict": str(found.verdict), "largest": found.largest}
         row["first_difference"] = None if first is None else {**asdict(first), "frame": frame}
     say(f"compare and export take the new result from now on; labrig report {path.name} writes its page")

@@ -21,7 +21,7 @@ from scipy.stats import binomtest, sem
 from tests.benchmarks.drawn_worlds import InsertionEnd, Policy, draw_world, insert, read_world
 from tests.benchmarks.table import multiply, print_rows
 
-WORLDS = multiply(40)
+WORLDS = multiply(20)
 TOLERANCE_MM = 2.0
 _WORST = 5
 

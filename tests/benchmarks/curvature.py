@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 RADIUS_MM, ORIGIN_PX = 28.0, (320.0, 200.0)
 CAMERA = Camera(origin_px=ORIGIN_PX)
-PICTURES = multiply(100)
+PICTURES = multiply(50)
 PICTURES_A_CALIBRATION = 10
 CORNER_NOISE_PX = 0.1
 SPEED_REPEATS = 30

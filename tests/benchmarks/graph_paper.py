@@ -20,7 +20,7 @@ from labrig.vision.picture import read_picture
 from tests.benchmarks.table import multiply, print_rows
 from tests.vision.renderer import INKS, PAPERS, Camera, Photo, Sheet
 
-SHEETS = multiply(60)
+SHEETS = multiply(30)
 FIRST_SEED = 700_000
 BANDS = ((3.0, 4.0), (4.0, 6.0), (6.0, 20.0))
 SHOP_RULINGS = ("1", "1/5", "1/10", "1/5/10", "2", "5")

@@ -17,9 +17,9 @@ from tests.benchmarks.planning_problems import (
 )
 from tests.benchmarks.table import multiply, print_rows
 
-SETS = ((2, multiply(40)), (5, multiply(20)), (9, multiply(20)), (14, multiply(20)))
+SETS = ((2, multiply(20)), (5, multiply(12)), (9, multiply(12)), (14, multiply(12)))
 IN_SPACE = TIGHT = multiply(8)
-TUNNELS, SPARE_MM = multiply(24), (0.05, 0.15, 0.4)
+TUNNELS, SPARE_MM = multiply(12), (0.05, 0.15, 0.4)
 
 
 def print_table() -> None:

@@ -9,10 +9,10 @@ from datetime import timedelta
 from pathlib import Path
 
 from labrig.lab import RUNS_DIR_VARIABLE
-from tests.benchmarks.table import measure, print_rows
+from tests.benchmarks.table import measure, multiply, print_rows
 from tests.record.runs import STARTED
 
-REPEATS, RUNS = 20, 5000
+REPEATS, RUNS = multiply(7), 5000
 KEPT = Path(__file__).parents[1] / "records" / "insertion"
 SEARCH = "diameter_mm=1.2 and exit_status=success and seed<100"
 BARE = "python -c pass"

@@ -7,7 +7,7 @@ from the standard deviations under `out_of_plane:` in the protocol, and how far 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -172,7 +172,6 @@ def see_end(
     shaft: ShaftTip | None,
     estimate: EstimatedEnd | None,
     *,
-    swings: bool = False,
     drift: float = 0.0,
     depth: Depth | None = None,
 ) -> SeenEnd | None:
@@ -185,8 +184,6 @@ def see_end(
     plane : PlaneMap
     shaft, estimate
         As in `judge_end`; None for both: nothing tells the end.
-    swings : bool
-        Whether the bend swings over in the last stretch of the shaft.
     drift : float
         Relative change of scale since the calibration.
     depth : Depth or None
@@ -202,8 +199,7 @@ def see_end(
         return None
     drift_mm = drift * float(np.linalg.norm(shown_mm))
     budgets = [budget_place(plane, px, errors, axis).with_drift(drift_mm) for axis in np.eye(2)]
-    swung_mm = _SWUNG * shaft.width_px * plane.mm_per_px if shaft is not None and swings else 0.0
-    read = np.array([(b.fit or 0.0) ** 2 + (b.lighting or 0.0) ** 2 + swung_mm**2 for b in budgets])
+    read = np.array([(b.fit or 0.0) ** 2 + (b.lighting or 0.0) ** 2 for b in budgets])
     place_mm, shared = shown_mm, np.square([b.calibration for b in budgets])
     if shaft is not None and estimate is not None:
         apart_mm, both = shown_mm - estimate.place_mm, read + estimate.variance
@@ -234,6 +230,8 @@ class TargetErrorBounds:
         What is known of it before the picture is asked for the depth.
     depth : EndDepth or None
         How far the end is out of the plane, if the picture tells.
+    errors : PlaceErrors or None
+        Of the shaft's end; None without one.
     """
 
     off_mm: FloatArray
@@ -243,6 +241,7 @@ class TargetErrorBounds:
     tip_mm: tuple[float, float]
     sources: TargetErrorSources
     depth: EndDepth | None = None
+    errors: PlaceErrors | None = None
 
     @property
     def in_plane_mm(self) -> float:
@@ -358,9 +357,15 @@ def judge_end(
         None if shaft is None else _find_depth(shaft, plane, path, problem.radius_mm, unseen, way_mm=way_mm)
     )
     swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < _SWINGS_MM
-    seen = see_end(plane, shaft, estimate, swings=swings, drift=drift, depth=depth)
+    if shaft is not None and swings:
+        fit_mm = math.hypot(shaft.errors.fit_mm or 0.0, _SWUNG * shaft.width_px * plane.mm_per_px)
+        shaft = replace(shaft, errors=replace(shaft.errors, fit_mm=fit_mm))
+    seen = see_end(plane, shaft, estimate, drift=drift, depth=depth)
+    if seen is None:
+        return None
     budget = budget_out_of_plane(path, problem.radius_mm, unseen)
-    return None if seen is None else bound_error(seen, budget, problem.target_mm, target_sd_mm)
+    bounds = bound_error(seen, budget, problem.target_mm, target_sd_mm)
+    return bounds if shaft is None else replace(bounds, errors=shaft.errors)
 
 
 def _find_depth(

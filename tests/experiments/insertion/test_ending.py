@@ -40,6 +40,14 @@ def test_the_analysis_decides_as_the_run_did(settings: tuple[str, ...]) -> None:
     assert ("comes from the place of the target" in trial.cause) == (settings == ELSEWHERE)
 
 
+@pytest.mark.parametrize(("settings", "fit_mm"), [(SURE, 0.06), (ELSEWHERE, 0.22)])
+def test_an_end_just_after_a_turn_is_read_less_surely(settings: tuple[str, ...], fit_mm: float) -> None:
+    """The error in the plane says so too: the last turns were made 7.7 and 2.9 mm before the end."""
+    (trial,) = analyse_recorded(*settings).insertions
+    assert trial.target_error_budget_mm.fit == pytest.approx(fit_mm, rel=0.2)
+    assert fit_mm < trial.sigma_target_error_mm < fit_mm + 0.02
+
+
 def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
     """Neither reached nor missed, unless a smaller wandering, measured since, says that it was."""
     run = record_insertion(*UNSURE)

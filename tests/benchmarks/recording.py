@@ -19,7 +19,7 @@ from tests.benchmarks.table import multiply, print_rows
 from tests.record.runs import ENDED, begin
 
 RIG = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
-SECONDS = multiply(30)
+SECONDS = multiply(10)
 PICTURES_HZ, STATES_HZ, PICTURES = 30, 100, 20
 # OpenCV asks a V4L2 camera for four buffers: a picture is lost when the fourth after it is due.
 LATEST_S = 4 / PICTURES_HZ

@@ -23,7 +23,7 @@ def tell_values(
     made = list(events)
     start = next((event for event in made if isinstance(event, InsertionStart)), None)
     stop = next((event for event in made if isinstance(event, InsertionStop)), None)
-    if start is None or stop is None or not truths:
+    if start is None or stop is None or not truths or truths[0]["target_mm"] is None:
         return {}
     way = made[: made.index(stop)]
     turns = sum(isinstance(event, BevelTurn) for event in way)

@@ -15,18 +15,18 @@ from labrig.runner.dry_run import simulate as run_simulation
 from labrig.runner.sight import TakenPicture
 from labrig.runner.virtual_rig import VirtualPhotograph
 from labrig.runner.virtual_sight import WorldSight
-from labrig.simulation.description import LayerDescription
+from labrig.simulation.description import LayerDescription, SheathDescription
 from labrig.simulation.world import World
 from labrig.vision.plane import PlaneMap
 from tests.devices.rigs import large_rig
 from tests.runner.sessions import PROTOCOLS, sweep
 
 
-def simulate(*settings: str, seed: int = 1, layers: tuple[LayerDescription, ...] = ()) -> TaskOutcome:
-    """Return what comes of a virtual insertion, in a gel with these layers."""
+def simulate(*settings: str, seed: int = 1, **changed: object) -> TaskOutcome:
+    """Return what comes of a virtual insertion, in a world with changes."""
     protocol, rig = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, settings), large_rig()
     assert rig.world is not None
-    rig = rig.model_copy(update={"world": rig.world.model_copy(update={"layers": layers})})
+    rig = rig.model_copy(update={"world": rig.world.model_copy(update=changed)})
     return run_simulation(find_experiment("insertion"), protocol, rig, seed)
 
 
@@ -44,6 +44,13 @@ def test_no_path_is_an_outcome_and_a_bench_without_a_world_is_refused() -> None:
     assert (outcome.exit_status, outcome.reason, outcome.values) == ("failed", "no_path", {})
     with pytest.raises(InputError, match="in the world of a simulated rig"):
         run_simulation(find_experiment("steerability"), sweep(), None, 1)
+
+
+def test_a_needle_that_stays_in_its_sheath_has_no_values() -> None:
+    """A sheath far aside of the plane looks longer than it is: the run stops before the needle leaves it."""
+    outcome = simulate(seed=22, sheath=SheathDescription(x_play_sd_mm=1.5))
+    assert (outcome.exit_status, outcome.values) == ("failed", {})
+    assert outcome.reason == "sheath_astray"
 
 
 def test_a_gel_in_layers_is_steered_through() -> None:

@@ -321,6 +321,8 @@ def _note_shared(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[st
             yield (
                 f"{format_count(shared, noun)} {'is' if shared == 1 else 'are'} in more than one group. What is common "
                 "cancels in their difference, but these tests do not pair."
+                + " Give each protocol its own `seed:` if its gels shall be drawn independently."
+                * (noun == "seed")
             )
 
 

@@ -1,4 +1,4 @@
-"""The sweep of 72 insertions: time, memory, accuracy against the drawn truth, and whether a short one is the same twice."""
+"""The sweep of 72 insertions: time, memory, accuracy against the drawn truth, and identity of two short ones."""
 
 import hashlib
 import json

@@ -233,10 +233,10 @@ SOFT, HARD = ("gel A", 10.0), ("gel B", 19.0)
 
 @pytest.fixture
 def runs_dir(tmp_path: Path) -> Path:
-    """Return a folder with two runs of two needles in two gels."""
-    folder = tmp_path / "runs"
+    """Return a folder with two runs of two needles in two gels, and with two stores of pictures."""
+    folder, radii = tmp_path / "runs", {SOFT: (28.1, 28.3, 28.6), HARD: (26.8, 27.2, None)}
     write_measured_run(folder, "a", {SOFT: (28.0, 28.4, 28.3), HARD: (27.0, 27.2, 27.5)})
-    write_measured_run(folder, "b", {SOFT: (28.1, 28.3, 28.6), HARD: (26.8, 27.2, None)}, needle_id="N2")
+    write_measured_run(folder, "b", radii, needle_id="N2", protocol="store: png\n")
     return folder
 
 

@@ -70,4 +70,4 @@ def _describe_gap(around: Surroundings, k: int, apart: FloatArray) -> str:
 def explain_failure(problem: PlanProblem) -> str:
     """Return what is known after a search that found no path: it proves nothing, as it tries some paths only."""
     arcs = format_count(problem.max_arcs, "arc")
-    return f"no path found with up to {arcs} and {problem.max_length_mm:g} mm"
+    return f"no path found with up to {arcs} and {problem.max_length_mm:.1f} mm"

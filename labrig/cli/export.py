@@ -67,7 +67,7 @@ def export(
         print_line(f"{place}/{file}")
     found = {Path(file).stem: file for file in files}
     for name in [name for name in ("measurements", "insertions", "rows", "result") if name in found][:1]:
-        print_line(f"open {found[name]} first: it has what was measured")
+        print_line(f"open {found[name]} first; columns.csv says what each column means")
     return 0 if report_damage(damage) is None else RecordError.exit_code
 
 

@@ -12,7 +12,7 @@ _PARTS: Mapping[tuple[str, int], tuple[str, ...]] = {
     ("mm", 3): ("x", "y", "z"),
     ("px", 2): ("u", "v"),
 }
-_INTERVAL = re.compile("ci95|interval")
+_INTERVAL = re.compile("(ci95|interval)_mm$")
 _BUDGET = "_budget_mm"
 _AXIS_UNITS: Mapping[str, str] = {"insertion": "mm", "rotation": "rad", "linear": "mm"}
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
@@ -60,7 +60,7 @@ def _name_parts(name: str, values: Sequence[object]) -> list[str]:
     if len(sizes) != 1 or not all(_is_number(item) for vector in vectors for item in vector):
         return []
     stem, _, unit = name.rpartition("_")
-    if _INTERVAL.search(stem) and sizes == {2}:
+    if _INTERVAL.search(name) and sizes == {2}:
         return [f"{stem.removesuffix('_interval')}_{end}_{unit}" for end in ("low", "high")]
     return [f"{stem}_{part}_{unit}" for part in _PARTS.get((unit, sizes.pop()), ())]
 

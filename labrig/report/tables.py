@@ -28,12 +28,15 @@ _ABOUT = ("run", "experiment", "title", "exit_status", "reason", "started", "end
 _NOTE = ("text", "by", "at")
 # The provenance of a result and the variations of a plane map stay in result.json.
 _LEFT_OUT = frozenset({"schema_version", "inputs", "provenance", "variations"})
+_COLUMNS = Path(__file__).with_name("columns.csv")
 _MAT_LONGEST_NAME = 63
 _MAT_HEADER = b"MATLAB 5.0 MAT-file, written by labrig".ljust(116)
 
 
 def write_tables(run: Run, formats: Iterable[str], folder: Path) -> None:
     """Write a run and its newest result into a folder, in each of the formats `csv`, `parquet` and `matlab`.
+
+    `columns.csv` says what each column of labrig's own experiments means, with its unit.
 
     Raises
     ------
@@ -47,6 +50,8 @@ def write_tables(run: Run, formats: Iterable[str], folder: Path) -> None:
     with disk_errors(folder):
         for form in formats:
             WRITERS[form](folder, tables)
+        known, names = pd.read_csv(_COLUMNS), {name for table in tables.values() for name in table}
+        write_csv(folder, {"columns": known[known["column"].isin(names)]})
 
 
 def run_tables(run: Run, result: Mapping[str, Any] | None) -> Tables:
@@ -66,11 +71,8 @@ def run_tables(run: Run, result: Mapping[str, Any] | None) -> Tables:
         or `truth_path`, whose rows name their trial.
     """
     said = run.annotations
-    about = {
-        **{key: run.manifest.get(key) for key in _ABOUT},
-        "tags": ", ".join(said.tags),
-        "verdict": said.verdict,
-    }
+    about = {key: run.manifest.get(key) for key in _ABOUT}
+    about |= {"tags": ", ".join(said.tags), "verdict": said.verdict}
     tables = {
         "run": pd.DataFrame([about]),
         "notes": pd.DataFrame([vars(note) for note in said.notes], columns=list(_NOTE)),

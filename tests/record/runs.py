@@ -44,7 +44,8 @@ def fill(recorder: Recorder, trials: int = 2) -> None:
         start_s = 10.0 * trial
         recorder.event("trial_start", start_s, trial=trial, specimen="gel 10", hole=trial)
         for step in range(3):
-            recorder.state(start_s + step, insertion_mm=np.float64(step) / 3, statusword=np.int64(0x0237))
+            axis = {"insertion_mm": np.float64(step) / 3, "insertion_statusword": np.int64(0x0237)}
+            recorder.state(start_s + step, **axis)
         for step, role in enumerate(("advance", "final")):
             shown = {"trial": trial, "role": role, "insertion_mm": 1.0 + step}
             final = recorder.frame(picture(2 * trial + step), start_s + 3 + step, **shown)

@@ -11,7 +11,7 @@ import scipy.io
 
 from labrig.record.notes import annotate_run
 from labrig.record.reader import Run, open_run
-from labrig.report.tables import WRITERS, run_tables, write_tables
+from labrig.report.tables import WRITERS, Tables, run_tables, write_tables
 from tests.analysis.synthetic import NOW
 from tests.record.runs import closed_run
 
@@ -26,12 +26,12 @@ def run() -> Run:
 
 
 @pytest.fixture(scope="module")
-def tables(run: Run) -> dict[str, pd.DataFrame]:
+def tables(run: Run) -> Tables:
     """Its tables."""
     return run_tables(run, run.result)
 
 
-def test_every_table_has_units_in_its_names(run: Run, tables: dict[str, pd.DataFrame]) -> None:
+def test_every_table_has_units_in_its_names(run: Run, tables: Tables) -> None:
     """A point has a column a coordinate; a position of the rotation is in rad, of the others in mm."""
     assert {"run", "notes", "states", "events", "trials", "frames", "truth", "result"} <= set(tables)
     for name, columns in {
@@ -47,9 +47,7 @@ def test_every_table_has_units_in_its_names(run: Run, tables: dict[str, pd.DataF
     assert moves["asked_speed_mm_s"].notna().tolist() == (~turned).tolist()
 
 
-def test_csv_and_parquet_read_back_the_same(
-    run: Run, tables: dict[str, pd.DataFrame], tmp_path: Path
-) -> None:
+def test_csv_and_parquet_read_back_the_same(run: Run, tables: Tables, tmp_path: Path) -> None:
     """pandas reads the numbers that were written, to the last digit; whole numbers stay whole in Parquet."""
     write_tables(run, ["csv", "parquet"], tmp_path)
     file = tmp_path / "measurements"
@@ -105,24 +103,25 @@ def test_what_people_say_is_exported(tmp_path: Path) -> None:
     path = Path(shutil.copytree(KEPT / "steerability", tmp_path / "run"))
     annotate_run(path, tags=["pilot", "cloudy"], verdict="doubtful", by="Chen", at=NOW)
     annotate_run(path, note="=gel 3", by="Yang", at=NOW)
-    run = open_run(path)
-    tables = run_tables(run, None)
+    tables = run_tables(open_run(path), None)
     assert tables["run"].iloc[0][["tags", "verdict"]].tolist() == ["pilot, cloudy", "doubtful"]
     assert tables["notes"][["text", "by"]].values.tolist() == [["=gel 3", "Yang"]]
     WRITERS["csv"](tmp_path, tables)
     assert b"'=gel 3,Yang" in (tmp_path / "notes.csv").read_bytes()
 
 
-@pytest.mark.parametrize("measured", [True, False])
-def test_equal_runs_give_equal_files(measured: bool, run: Run, tmp_path: Path) -> None:
-    """No export holds the time of day or where it was made; a run without pictures and results is exported too."""
-    source = run if measured else open_run(closed_run(tmp_path))
+@pytest.mark.parametrize("kept", [None, *sorted(KEPT.iterdir())], ids=lambda kept: kept and kept.name)
+def test_equal_runs_give_equal_files(kept: Path | None, tmp_path: Path) -> None:
+    """No export holds the time of day or where it was made; columns.csv has a sentence for each column, no other."""
+    source = open_run(kept or closed_run(tmp_path))  # also a run without pictures and results
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         write_tables(source, WRITERS, tmp_path / name)
     first, second = ({file.name: file.read_bytes() for file in (tmp_path / name).iterdir()} for name in "ab")
     assert first == second
     assert {"run.csv", "states.parquet", "run.mat", "manifest.json"} <= set(first)
+    told = {*pd.read_csv(tmp_path / "a/columns.csv").dropna(subset="meaning")["column"]}
+    assert told == {name for table in run_tables(source, source.result).values() for name in table}
 
 
 def test_long_names_of_columns_stay_apart_in_a_matlab_file(tmp_path: Path) -> None:

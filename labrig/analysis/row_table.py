@@ -125,11 +125,12 @@ def _measure(
 ) -> dict[str, Value]:
     """Return the row of a picture; what was measured is named with its unit."""
     measure, units = experiment.part("measure"), experiment.find_part("UNITS") or {}
+    kept = f"; the run is recorded: when mended, labrig reanalyze {run.path}"
     place = {name: getattr(line, name) for name in OF_THE_PICTURE}
     found, reason = dict[str, Value].fromkeys(units), None
     try:
         picture = MeasuredPicture(image=run.read_frame(line.frame), run=run, **place)
-        found = experiment.call(lambda: _make_plain(measure(picture, protocol), place))
+        found = experiment.call(lambda: _make_plain(measure(picture, protocol), place), kept)
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         reason = error.message
     measured = {f"{name}_{units[name]}" if units.get(name) else name: value for name, value in found.items()}

@@ -9,7 +9,7 @@ percentiles of a bootstrap over seeds for the quantile. Two hundred seeds tell t
 import json
 import sys
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,8 @@ def _run(seed: int) -> dict[str, Any]:
 
 def print_table() -> None:
     """Run every seed, and print its figures, how many seeds keep the limits, and whether virtual insertions agree."""
-    runs = pd.DataFrame(map(_run, SEEDS), index=SEEDS)
+    with ThreadPoolExecutor(2) as pool:
+        runs = pd.DataFrame(pool.map(_run, SEEDS), index=SEEDS)
     true_mm, longest_s = runs[_FIGURES[0]].astype(float), runs["wall_s"].max()
     heads = ("true error mm", "measured mm", "clearance mm")
     rows = [
@@ -63,7 +64,7 @@ def print_table() -> None:
             [f"within {LARGEST_ERROR_MM:g} mm", (true_mm <= LARGEST_ERROR_MM).sum(), len(SEEDS)],
             ["mean true error, mm", f"{true_mm.mean():.3f}", "0.4"],
             [f"95 % intervals in space that hold the true error, of {len(SEEDS)}", held.sum(), "-"],
-            ["longest wall time, s", f"{longest_s:.1f}", f"{LONGEST_S:g}"],
+            ["longest wall time, two at once, s", f"{longest_s:.1f}", f"{LONGEST_S:g}"],
         ],
     )
     _print_agreement(runs)
@@ -96,7 +97,8 @@ def _print_agreement(rig: pd.DataFrame) -> None:
 def _compare(name: str, figures_mm: FloatArray, bounds_mm: tuple[float, float]) -> list[object]:
     """Return a row of a figure of rig and world, and the interval of its difference."""
     (of_rig, of_world), (low_mm, high_mm) = figures_mm.tolist(), bounds_mm
-    equivalent = "yes" if low_mm > -WITHIN_MM and high_mm < WITHIN_MM else "NO"
+    apart = low_mm > WITHIN_MM or high_mm < -WITHIN_MM
+    equivalent = "yes" if low_mm > -WITHIN_MM and high_mm < WITHIN_MM else "NO" if apart else "not told"
     figures = (f"{of_rig:.4f}", f"{of_world:.4f}", f"{of_world - of_rig:+.4f}")
     return [name, *figures, f"{low_mm:+.4f} to {high_mm:+.4f}", equivalent]
 

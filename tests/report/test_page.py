@@ -106,7 +106,7 @@ def test_what_people_wrote_is_text(tmp_path: Path) -> None:
         ("complete", r"the paper found 27\.\d.mm in \w+ gels: .* 3 of 4 insertions measured: .* The rig is simulated"),
         ("by needle and gel", r"10 % gel A N1 2 28\.3\d 0\.4\d\d 2\d\.\d\d to 3\d\.\d\d 0 28\.34 0\.247 28\.30"),
         ("by needle and gel", r"19 % gel B N1 1 2[67]\.\d\d – – 1 27\.13 0\.473 27\.20"),
-        ("by needle and gel", r"Mean of the means 27\.6\d ± 0\.\d\d 27\.6 "),
+        ("by needle and gel", r"Mean of the means 27\.6\d ± 0\.\d\d 27\.7 "),
         ("Every final picture", r" z y 5 mm .*trial 1, hole 1"),
         ("Refused pictures", r"10 3 Of 1\d\.\d mm of needle"),
         ("How sure", r"surface the gel's surface, and glass before it not in the interval not in the interval"),

@@ -17,7 +17,7 @@ from labrig.errors import InputError
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult, SpecimenResult
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import draw_picture
-from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
+from labrig.experiments.shared.paper import PAPER_GELS
 from labrig.record.reader import Run
 from labrig.report.figures import Design, GelSeries, draw_steerability_figure
 from labrig.report.page import Page
@@ -56,7 +56,6 @@ def make_curvature_page(
                 "Radius": [measurement.radius_budget_mm for measurement in shown if measurement.accepted],
                 "Needle's tip": [measurement.tip_budget_mm for measurement in shown],
             },
-            "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
             "figure": _draw_figure(design, [series for _, series in gels], _list_accepted(content)),
             "groups": [
                 *(

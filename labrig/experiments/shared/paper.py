@@ -13,5 +13,3 @@ PAPER_GELS: Mapping[float, tuple[float, float]] = {
     19.0: (27.13, 0.473),
 }
 """Gelatin powder to water [mass %] -> mean and standard deviation of the radius of curvature [mm]."""
-# Rounded in the paper; the mean of the four means is 27.635 mm.
-PAPER_MEAN_RADIUS_MM = 27.6

@@ -71,14 +71,6 @@ def draw_shop_sheet(seed: int, band: tuple[float, float], ruling: str, on_bench:
     return replace(sheet, extent_mm=(sides[0], sides[1], sides[2], sides[3]))
 
 
-def choose_sheet(number: int) -> tuple[int, Sheet]:
-    """Return the band and the sheet of a number: bands, rulings and benches take turns."""
-    band = number % len(BANDS)
-    ruling = SHOP_RULINGS[(number // len(BANDS)) % len(SHOP_RULINGS)]
-    on_bench = (number // (len(BANDS) * len(SHOP_RULINGS))) % 2 == 0
-    return band, draw_shop_sheet(FIRST_SEED + number, BANDS[band], ruling, on_bench)
-
-
 def measure_sheet(number: int) -> dict[str, float | str | None]:
     """Calibrate the plane from the picture of a sheet, compare lengths with the truth, and return a row of the table.
 

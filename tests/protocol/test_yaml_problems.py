@@ -179,11 +179,6 @@ def test_models_of_other_rooms_are_explained_as_well(text, where, message, hint)
     assert hint in problem.hint
 
 
-def make_bench(**values: object) -> BenchModel:
-    """Return a model of values that stand in no file."""
-    return validate_values({"camera": {"kind": "fast", "rate_hz": 1}, **values}, "labrig import", BenchModel)
-
-
 def test_values_that_stand_in_no_file_are_told_by_their_source():
     """Options of a command make a model through the same checks.
 

@@ -96,7 +96,6 @@ _WAY_MM, _QUADCOUNTS_PER_MM = 2.0, {"insertion": 4000, "linear": 1600}
 _PERSON_TAKES_S, _HANG_S, _LONG_AFTER_S = 2.0, 3.0, 5.0
 _LOOK_S, _OUT_COUNTS = 0.05, 40
 _LOCATED_MM = 0.05
-_CUT_CODES = {"emergency stop", "EMCY under-voltage"}
 
 
 class FaultyCamera:

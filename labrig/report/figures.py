@@ -204,9 +204,9 @@ def draw_interval(
     if tuple(shown) != tuple(ends):
         words, at = f"{ends[0]:.3g} to {ends[1]:.3g}".replace("-", "−"), float(shown[int(upright)])
         # Beside an upright interval, and above the end of any other.
-        look: dict[str, Any] = {"rotation": 90, "va": "top", "bbox": _CLEAR} if upright else {"va": "bottom"}
+        look: dict[str, Any] = {"rotation": 90, "va": "top"} if upright else {"va": "bottom"}
         place_at, off = ((place, at), (-11, 0)) if upright else ((at, place), (0, 5))
-        axes.annotate(words, place_at, off, textcoords="offset points", fontsize=8, color=colour, **look)
+        axes.annotate(words, place_at, off, textcoords="offset points", fontsize=8, bbox=_CLEAR, **look)
 
 
 def draw_steerability_figure(series: Sequence[GelSeries], design: Design, name: str) -> DrawnFigure:

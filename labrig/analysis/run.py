@@ -127,8 +127,8 @@ def _resolve_protocol(
             near = get_close_matches(key.partition(".")[0], known, 1)
             named = ", ".join(each if "." in each else f"{each}.*" for each in known) or "nothing"
             raise InputError(
-                f"{override!r} cannot be changed after the run: only {named} can",
-                f"did you mean {near[0]}.?" if near else "run the experiment again with it",
+                f"{override!r} cannot be changed after a run of {experiment.name}: only {named} can",
+                f"did you mean {near[0]}.?" if near else "run it again, or name another run",
             )
     return load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model}, overrides)
 

@@ -75,7 +75,7 @@ def _draw_pairs(axes: Axes, result: CampaignResult) -> None:
         _draw_interval(axes, place, mark(place), mean, pair.ci95)
     axes.tick_params(labelleft=True)
     unit = split_quantity(result.measure)[1]
-    axes.set_xlabel(f"difference from the first arm{f' ({unit})' if unit else ''}")
+    axes.set_xlabel(f"difference from\nthe first arm{f' ({unit})' if unit else ''}")
 
 
 def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult, values: Sequence[float]) -> None:

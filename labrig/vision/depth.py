@@ -59,7 +59,7 @@ _TINY_MM2, _TINY_MM = 1e-9, 1e-9
 # needle where the insertion begins, which a person sets by eye.
 _COMMON_SDS = (1.0, _TAPER, _SLIP, _ZERO_MM)
 # The steps end where none would move a place by this; most take 3 to 16.
-_CONVERGED_MM, _MOST_STEPS = 1e-4, 200
+_CONVERGED_MM, _MOST_STEPS = 1e-5, 200
 
 
 @dataclass(frozen=True)

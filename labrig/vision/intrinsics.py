@@ -199,12 +199,11 @@ class Intrinsics:
         wanted = check_points(px)
         if not len(wanted):
             return wanted
-        matrix, distortion, none = self.camera_matrix(), np.array(self.distortion), np.zeros(3)
+        matrix, distortion = self.camera_matrix(), np.array(self.distortion)
         rays = cv2.convertPointsToHomogeneous(
             _UNDISTORT(wanted[:, None], matrix, distortion, R=None, P=None, criteria=_STOP)
         ).reshape(-1, 3)
-        shown = cv2.projectPoints(rays, none, none, matrix, distortion)[0].reshape(-1, 2)
-        off = np.abs(shown - wanted).max(axis=1)
+        off = np.linalg.norm(self.project(rays)[0] - wanted, axis=1)
         if not off.max() <= _UNDISTORTION_TOLERANCE_PX:
             worst = wanted[int(np.argmax(np.nan_to_num(off, nan=np.inf)))]
             raise MeasurementRefusedError(

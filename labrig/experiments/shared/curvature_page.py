@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 from markupsafe import Markup
@@ -51,6 +52,7 @@ def make_curvature_page(
         plane,
         {
             "gels": gels,
+            "paper_mean_mm": _average_paper(content),
             "comparison": _compare_gels(run, result),
             "budgets": {
                 "Radius": [measurement.radius_budget_mm for measurement in shown if measurement.accepted],
@@ -66,6 +68,12 @@ def make_curvature_page(
             ],
         },
     )
+
+
+def _average_paper(content: CurvatureResult) -> float | None:
+    """Return the mean of the paper's radii in the gels that have one here; None if it has not measured one of them."""
+    gels = [gel.gelatin_percent for gel in content.specimens if gel.mean_radius_mm is not None]
+    return fmean(PAPER_GELS[gel][0] for gel in gels) if gels and PAPER_GELS.keys() >= set(gels) else None
 
 
 def _compare_gels(run: Run, result: AnalysisResult[CurvatureResult]) -> Comparison | None:

@@ -251,10 +251,11 @@ def list_values(content: Result) -> dict[str, Quantity]:
     values = list_quantities(content)
     for name, table in content.tables.items():
         if table.size <= _MOST_CELLS:
+            has_names = "name" in table and table["name"].is_unique
             for number, row in enumerate(
                 table.astype(object).where(table.notna(), None).to_dict("records"), 1
             ):
-                row_name = row.get("name", f"{name} {number}")
+                row_name = row["name"] if has_names else f"{name} {number}"
                 values |= {f"{row_name}: {column}": cell for column, cell in row.items()}
     return values
 

@@ -117,7 +117,7 @@ def analyze_rows(
     def make_table() -> RowTable:
         return RowTable(**fields, rows=tuple(rows), conclusion=_make_plain(conclude(protocol, rows)))
 
-    return Findings(experiment.call(make_table))
+    return Findings(experiment.call(make_table, _tell_kept(run)))
 
 
 def _measure(
@@ -125,16 +125,20 @@ def _measure(
 ) -> dict[str, Value]:
     """Return the row of a picture; what was measured is named with its unit."""
     measure, units = experiment.part("measure"), experiment.find_part("UNITS") or {}
-    kept = f"; the run is recorded: when mended, labrig reanalyze {run.path}"
     place = {name: getattr(line, name) for name in OF_THE_PICTURE}
     found, reason = dict[str, Value].fromkeys(units), None
     try:
         picture = MeasuredPicture(image=run.read_frame(line.frame), run=run, **place)
-        found = experiment.call(lambda: _make_plain(measure(picture, protocol), place), kept)
+        found = experiment.call(lambda: _make_plain(measure(picture, protocol), place), _tell_kept(run))
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         reason = error.message
     measured = {f"{name}_{units[name]}" if units.get(name) else name: value for name, value in found.items()}
     return {**place, **measured, "reason": reason}
+
+
+def _tell_kept(run: Run) -> str:
+    """Return the end of a hint after a fault of an author's code: nothing recorded is lost."""
+    return f"; the run is recorded: when mended, labrig reanalyze {run.path}"
 
 
 def _make_plain(found: Row, taken: Iterable[str] = ()) -> dict[str, Value]:

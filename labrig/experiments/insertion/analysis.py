@@ -379,9 +379,7 @@ def _find_budget(end: ShaftTip, bounds: TargetErrorBounds, source: _Source) -> E
     roll's part is what the depth that is not known makes of it.
     """
     towards = bounds.off_mm / max(bounds.in_plane_mm, 1e-9)
-    errors = replace(
-        bounds.errors or end.errors, roll_shift_mm=bounds.ray_sd_mm if bounds.ray_sd_mm.any() else None
-    )
+    errors = replace(bounds.errors, roll_shift_mm=bounds.ray_sd_mm if bounds.ray_sd_mm.any() else None)
     budget = budget_place(source.view.plane, end.tip_px, errors, towards)
     return budget.with_drift(source.drift * math.hypot(*end.tip_mm))
 

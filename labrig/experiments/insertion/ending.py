@@ -7,7 +7,7 @@ from the standard deviations under `out_of_plane:` in the protocol, and how far 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -230,8 +230,8 @@ class TargetErrorBounds:
         What is known of it before the picture is asked for the depth.
     depth : EndDepth or None
         How far the end is out of the plane, if the picture tells.
-    errors : PlaceErrors or None
-        Of the shaft's end; None without one.
+    errors : PlaceErrors
+        Of the shaft's end, as far as it is measured.
     """
 
     off_mm: FloatArray
@@ -241,7 +241,7 @@ class TargetErrorBounds:
     tip_mm: tuple[float, float]
     sources: TargetErrorSources
     depth: EndDepth | None = None
-    errors: PlaceErrors | None = None
+    errors: PlaceErrors = field(default_factory=PlaceErrors)
 
     @property
     def in_plane_mm(self) -> float:

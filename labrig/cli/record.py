@@ -31,7 +31,7 @@ def view(run_path: RunArgument) -> int:
     path = door.view(run, attendant=TerminalAttendant())
     damage = report_damage(run.damage)
     print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})
-    print_line(f"{path} (on a computer with a display: rerun {path.name})")
+    print_line(str(path))
     if not SPEAKS_JSON.get():
         open_view(path)
     return RecordError.exit_code if damage else 0

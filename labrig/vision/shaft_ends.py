@@ -71,8 +71,7 @@ def find_sheath_end(width_mm: FloatArray, run: NDArray[np.bool_], stated: Widths
                 f"no needle is seen beyond the sheath: the shaft is {seen:.2f} mm wide to its end; {told}"
             )
         raise MeasurementRefusedError(
-            f"no sheath is seen: the longest piece of shaft with both edges is {seen:.2f} mm wide; {told}",
-            "look there for what hides an edge",
+            f"no sheath is seen: the longest piece of shaft with both edges is {seen:.2f} mm wide; {told}"
         )
     usual = float(np.median(width[:step]))
     level = 0.5 * (usual + float(np.median(width[step:])))

@@ -318,11 +318,10 @@ def _note_shared(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[st
     for noun, kept in (("specimen", counted["block"]), ("seed", counted["run"].map(seeds))):
         shared = int((counted.groupby(kept)["group"].nunique() > 1).sum())
         if shared and counted["group"].duplicated().any():
+            advice = " Give each protocol its own `seed:` if its gels shall be drawn independently."
             yield (
                 f"{format_count(shared, noun)} {'is' if shared == 1 else 'are'} in more than one group. What is common "
-                "cancels in their difference, but these tests do not pair."
-                + " Give each protocol its own `seed:` if its gels shall be drawn independently."
-                * (noun == "seed")
+                f"cancels in their difference, but these tests do not pair.{advice if noun == 'seed' else ''}"
             )
 
 

@@ -100,7 +100,7 @@ def worse_at_20(task: Task) -> float:
             worse_at_20,
             "1 of 2 arms differs from replan every 5 mm in the mean true error at the target: replan every 20 mm is 5",
         ),
-        ({**ARMS, "repetitions": 9}, spread, "too few to tell the means apart"),
+        ({**ARMS, "repetitions": 9}, spread, "cannot tell the means apart"),
         (ARMS, worse_at_20, "No difference from replan every 5 mm has an interval"),
         ({"repetitions": 9}, spread, "The mean true error at the target is 1."),
         ({}, lambda _: 1.25, "One task has a value of the true error at the target: 1.25 mm. That tells no spread."),

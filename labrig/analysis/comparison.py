@@ -16,6 +16,7 @@ import pandas as pd
 from labrig.analysis.groups import Unit, choose_unit, group_rows, name_policy
 from labrig.analysis.measurements import LeftOut, Measured, UsedRun, join_measurements
 from labrig.analysis.pictures import INTRINSICS_FILE, PLANE_FILE
+from labrig.analysis.result import note_overrides
 from labrig.analysis.statistics import (
     TWO_SIDED_95,
     Interval,
@@ -359,8 +360,7 @@ def _note_repeats(runs: Sequence[Measured]) -> Iterable[str]:
 
 
 def _note_run(run: UsedRun) -> Iterable[str]:
-    if run.overrides:
-        yield f"Result {run.result} of {run.run} has settings changed after the run: {', '.join(run.overrides)}."
+    yield from note_overrides(run.run, run.result, run.overrides)
     if run.verdict in {"bad", "doubtful"}:
         yield f"{run.run} was judged {run.verdict}."
     if run.exit_status != "success":

@@ -9,7 +9,7 @@ import math
 import shutil
 import zipfile
 import zlib
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
@@ -258,6 +258,12 @@ def list_values(content: Result) -> dict[str, Quantity]:
                 row_name = row["name"] if has_names else f"{name} {number}"
                 values |= {f"{row_name}: {column}": cell for column, cell in row.items()}
     return values
+
+
+def note_overrides(run: str, number: int, overrides: Sequence[str]) -> Iterator[str]:
+    """Yield that a result was measured with other settings than its run, if it was."""
+    if overrides:
+        yield f"Result {number} of {run} has settings changed after the run: {', '.join(overrides)}."
 
 
 def _is_quantity(kind: Any) -> bool:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from labrig.cli.options import RunArgument
-from labrig.cli.output import print_json, print_line
+from labrig.cli.output import print_json, print_line, say
 from labrig.cli.progress import show_working
 from labrig.cli.several_runs import report_damage, require_undamaged
 from labrig.errors import InputError, RecordError
@@ -52,9 +52,13 @@ def export(
         if is_copy:
             copy_record(run, folder)
         if tables:
+            from labrig.analysis.result import note_overrides
             from labrig.report.tables import write_tables
 
             write_tables(opened, tables, folder)
+            overrides = (opened.result or {}).get("overrides", ())
+            for sentence in note_overrides(run.name, max(opened.result_numbers, default=0), overrides):
+                say(f"note: {sentence}")
         if films:
             from labrig.report.film import write_film
 
@@ -65,9 +69,9 @@ def export(
     print_json({"run": str(run), "out": str(place), "files": files, "ok": not damage})
     for file in [""] if is_copy else files:
         print_line(f"{place}/{file}")
-    found = {Path(file).stem: file for file in files}
-    for name in [name for name in ("measurements", "insertions", "rows", "result") if name in found][:1]:
-        print_line(f"open {found[name]} first; columns.csv says what each column means")
+    mains = ("measurements", "insertions", "rows", "result")
+    for file in [file for name in mains for file in files if Path(file).stem == name][:1]:
+        print_line(f"open {file} first; columns.csv says what each column means")
     return 0 if report_damage(damage) is None else RecordError.exit_code
 
 

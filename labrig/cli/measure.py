@@ -60,14 +60,11 @@ def curvature(
         return {**found.model_dump(mode="json"), "not_in_interval": list(left_out)}
 
     def compare(rows: Sequence[Row]) -> list[Row]:
-        film = refuse_cut_short(list(measured.values()))
-        lost = {
-            path: kept
-            for (path, found), kept in zip(measured.items(), film, strict=True)
-            if kept is not found
-        }
+        film = dict(zip(measured, refuse_cut_short(list(measured.values())), strict=True))
         return [
-            {**lost[path].model_dump(mode="json"), "not_in_interval": []} if path in lost else row
+            row
+            if film.get(path) is measured.get(path)
+            else {**film[path].model_dump(mode="json"), "not_in_interval": []}
             for path, row in zip(images, rows, strict=True)
         ]
 

@@ -125,6 +125,8 @@ def test_the_headline_names_a_result_that_was_chosen_or_has_other_settings(
     )
     told = "with settings changed after the run: <code>analysis.window_start_mm=5</code>. The one before"
     assert told in newest
+    told = "note: Result 2 of import has settings changed after the run: analysis.window_start_mm=5."
+    assert told in " ".join(labrig("export", run, "--out", tmp_path / "tables").err.split())
     assert '<span class="pill doubtful">complete, judged doubtful</span>' in newest
     assert ("Result 1 is shown; the newest is 2." in first, "settings changed" in first) == (True, False)
     with pytest.raises(InputError):

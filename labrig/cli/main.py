@@ -2,6 +2,7 @@
 
 import inspect
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import copy_context
 from functools import cache, wraps
@@ -80,10 +81,7 @@ COMMANDS: Mapping[str, tuple[_Command, str]] = {
     "devices camera": (devices.camera, "Show the camera's picture, how good it is, and what is in it."),
     "devices home": (devices.home, "Home axes after confirmation; refused with a needle in tissue."),
     "devices jog": (devices.jog, "Move one axis slowly after confirmation; verify direction, lead, limits."),
-    "devices withdraw": (
-        devices.withdraw,
-        "Withdraw a needle that a run has left in tissue, along its path.",
-    ),
+    "devices withdraw": (devices.withdraw, "Withdraw a needle that a run left in tissue, along its path."),
     "devices simulate": (devices.simulate, "Serve simulated EPOS2 drives to any CANopen client."),
 }
 """Each command with its help, in the order of the help."""
@@ -172,6 +170,8 @@ def _run_command(arguments: Sequence[str], app: typer.Typer) -> int:
         # Words that the validators of typer put before a message of its own.
         known = (name for name in (*COMMANDS, *GROUPS) if [*arguments][: len(name.split())] == name.split())
         hint = " ".join(("see: labrig", *sorted(known, key=len)[-1:], "--help"))
+        if any(re.search(r"[\[{][^\]}]*$|,$", word) for word in arguments):  # a shell has cut it at a blank
+            hint = "put quotes around a value with blanks"
         failure = InputError(error.format_message().replace("Value error, ", "", 1), hint)
     except LabrigError as error:
         # A bug in another process comes with its traceback as a note.

@@ -121,6 +121,7 @@ ROWS: list[tuple[str, int, str]] = [
     ),
     ("export damaged --format record --out x", 4, "--force copies it as it is"),
     *((f"{verb} kep", 2, "did you mean kept?") for verb in ("reanalyze", "report", "replay", "runs show")),
+    (f"run {SWEEP} --set target.position_mm=[0, 5, 90]", 2, "put quotes around a value with blanks"),
     ("reanalyze", 2, "--where"),
     ("reanalyze run --where tag=pilot", 2, "--where"),
     ("reanalyze --where needle=none --runs-dir .", 2, "needle"),

@@ -112,7 +112,9 @@ class TerminalOperator:
         """Ask at the terminal, and on a page too; the answer that comes first counts."""
         wanted = _say_what_is_wanted(request)
         keys = "".join(
-            f", {key} {words}" for key, (choice, words) in _KEYS.items() if choice in offer.choices
+            f", {key}{' TEXT' if choice in _TEXTS else ''} to {words}"
+            for key, (choice, words) in _KEYS.items()
+            if choice in offer.choices
         )
         remark, lead = "", f"\n{offer.status}\n" if offer.status else "\n"
         while True:
@@ -125,7 +127,7 @@ class TerminalOperator:
                 answer = page.settle(answer)
             if answer is not None:
                 return answer
-            remark, lead = f"{line[:40]!r} is not understood: " if line else "", "\n"
+            remark, lead = f"{line[:40]!r} is not understood: " if line not in {"", "?"} else "", "\n"
 
     def _read_choice(self, line: str, offer: Offer, meanwhile: Callable[[], None]) -> Answer | None:
         """Return what was chosen instead of an answer, with its text; None if nothing was, or the text is empty."""

@@ -81,6 +81,7 @@ NO = Answer(confirmed=False, note="no")
         (Paused("after this insertion"), "no", NO, ""),
         (SCALE, "yes|no", NO, "'yes' is not understood: a number such as 12.5"),
         (PICK, "yes|no", NO, "'yes' is not understood: two numbers such as 640 290.5"),
+        (REQUEST, "?|no", NO, f"{REQUEST.text}\n   yes, or no to stop: \n\n>> {REQUEST.text}\n   yes"),
         (REQUEST, "12|no", NO, "'12' is not understood: yes, or no to stop"),
     ],
 )
@@ -113,7 +114,9 @@ def test_each_choice_has_a_key(
     """A letter chooses; a note and a reason are typed behind it or when asked for, without control characters."""
     answer = terminal.ask(REQUEST, *(f"{line}\n" for line in typed.split("|")), offer=OFFERED)
     assert answer == Answer(confirmed=False, note=note, choice=choice)
-    assert f"{OFFERED.status}\n>> " in capsys.readouterr().err
+    shown = capsys.readouterr().err
+    assert f"{OFFERED.status}\n>> " in shown
+    assert "s to skip this one, b TEXT to mark bad, t TEXT to note, u to undo, or no to stop: " in shown
 
 
 def test_without_a_person_nothing_is_confirmed(terminal: Terminal) -> None:

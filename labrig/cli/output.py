@@ -231,7 +231,7 @@ def print_checks(checks: Sequence[Mapping[str, Any]]) -> int:
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]], *, cuts_last: bool = False) -> None:
-    """Print a table of text, nothing with --json.
+    """Print a table of text, nothing with --json or without rows.
 
     If the terminal is too narrow for it, cut its last column if that is asked for and leaves some of it; otherwise
     print it turned, a row for each head, or else so for each row alone.
@@ -252,7 +252,7 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]], *, cuts_
     numeric = [bool(rows) and all(isinstance(row[i], _NUMBER) for row in rows) for i in range(len(heads))]
     columns = (f"{{:{'>' if right else '<'}{width}}}" for right, width in zip(numeric, widths, strict=True))
     line = "  ".join(columns)
-    if not SPEAKS_JSON.get():  # one call: there may be thousands of rows
+    if rows and not SPEAKS_JSON.get():  # one call: there may be thousands of rows
         text = "\n".join(line.format(*row).rstrip() for row in (heads, *cells))
         typer.echo(text if room == sys.maxsize else _wrap(text, sys.stdout, 2))
 

@@ -41,7 +41,6 @@ def _list() -> None:
     print_json(rows)
     if not rows:
         say("no specimens in data/specimens; labrig manual protocol says how to write the first")
-        return
     keys = ("name", "gelatin_percent", "batch", "cast_on", "usable_until")
     heads = ("specimen", "gelatin %", "batch", "cast", "usable until")
     print_table(heads, [[row[key] for key in keys] for row in rows])

@@ -40,15 +40,15 @@ def check(
     print_json({**found.document(), "plugins": faults})
     print_problems(found.problems)
     print_problems(found.warnings, "warning: ")
-    can, takes = "can" if found.ok else "cannot", duration(found.plan.duration_s)
-    if found.rig_name is None:
-        print_line(f"{protocol} {can} run; it moves nothing, and computes about {takes} on two processors")
-    else:
-        print_line(
-            f"{protocol} {can} run on rig {found.rig_name}: {takes} of motion, "
-            f"{format_count(found.plan.operator_steps, 'operator step')}, "
-            f"{format_count(found.plan.pictures, 'picture')}, {found.disk_bytes / 1e6:.0f} MB"
-        )
+    takes, place = duration(found.plan.duration_s), f" on rig {found.rig_name}" if found.rig_name else ""
+    figures = (
+        f": {takes} of motion, {format_count(found.plan.operator_steps, 'operator step')}, "
+        f"{format_count(found.plan.pictures, 'picture')}, {found.disk_bytes / 1e6:.0f} MB"
+        if place
+        else f"; it moves nothing, and computes about {takes} on two processors"
+    )
+    # A dry run that was refused has not come to its end.
+    print_line(f"{protocol} can run{place}{figures}" if found.ok else f"{protocol} cannot run{place}")
     for age in found.calibration:
         print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))
     print_line(f"not checked here: {', '.join(found.left_to_run)}")

@@ -191,6 +191,7 @@ def test_what_is_printed_fits_the_terminal(columns: int, tmp_path: Path) -> None
     assert max(map(len, listed.splitlines()[1:])) <= columns
     assert [line for line in checked.splitlines() if len(line) > columns and len(line.split()) > 1] == []
     assert " ".join(checked.split()).count("cannot run on rig simulated") == 1
+    assert "of motion" not in checked
     assert re.search(r"axes\.insertion.*\n  ", checked)
 
 

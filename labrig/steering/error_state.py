@@ -10,6 +10,7 @@ into the pose and is zero again. In the plane the errors out of it have no covar
 import math
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.motion import rotation_from_vector, step_frame, step_origin_slope
@@ -24,7 +25,6 @@ from labrig.steering.tip import (
     freeze,
 )
 
-_TURNING = (3, 4, 5)
 # So many observations in a row may fail the gate; at the next failure the filter widens its covariance until the
 # observation is an ordinary one.
 _PATIENCE = 3
@@ -42,18 +42,19 @@ def step_error_state(state: TipState, observation: TipObservation, settings: Est
     error, nis, log_likelihood, accepted = np.zeros(settings.size), None, 0.0, False
     if observation.position_mm is not None:
         innovation = ((observation.position_mm - position) @ rotation)[settings.seen]
-        spread = covariance[settings.seen, settings.seen] + settings.noise
-        inverse = np.linalg.inv(spread)
-        nis = float(innovation @ inverse @ innovation)
-        log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * spread)))
+        root, weighed, _ = dposv(covariance[settings.seen, settings.seen] + settings.noise, innovation)
+        nis = float(innovation @ weighed)
+        log_likelihood = -0.5 * (nis + len(root) * math.log(2.0 * math.pi)) - math.log(
+            math.prod(root.diagonal())
+        )
         fits = nis <= _limit_nis(state, settings)
         accepted = fits or state.misses >= _PATIENCE
         if not fits and accepted:
             covariance = _reopen(covariance, innovation, settings)
-            inverse = np.linalg.inv(covariance[settings.seen, settings.seen] + settings.noise)
         if accepted:
-            gain = covariance[:, settings.seen] @ inverse
-            error, covariance = gain @ innovation, covariance - gain @ covariance[settings.seen]
+            seen = covariance[settings.seen]
+            _, gain, _ = dposv(seen[:, settings.seen] + settings.noise, seen)
+            error, covariance = innovation @ gain, covariance - seen.T @ gain
             # The error moves into the pose.
             position = position + rotation @ error[POSITION]
             rotation = rotation @ rotation_from_vector(error[ORIENTATION])
@@ -87,10 +88,7 @@ def _reopen(covariance: FloatArray, innovation: FloatArray, settings: EstimatorS
     heading.
     """
     moved = float(innovation @ innovation) / len(innovation) * settings.observed.T @ settings.observed
-    turning = [index for index in _TURNING if index in settings.errors]
-    turned = np.zeros((settings.size, settings.size))
-    turned[turning, turning] = _REOPENED_HEADING_SD_RAD**2
-    return covariance + moved + turned
+    return covariance + moved + _REOPENED_HEADING_SD_RAD**2 * settings.turning
 
 
 def _predict(
@@ -104,7 +102,7 @@ def _predict(
     transition = np.eye(settings.size)
     transition[POSITION, POSITION] = transition[ORIENTATION, ORIENTATION] = back
     transition[POSITION, ORIENTATION] = back @ np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))
-    process = np.zeros((settings.size, settings.size))
+    process = settings.process_sd_rad_per_root_mm**2 * step_mm * settings.turning
     if observation.bends:
         transition[POSITION, CURVATURE] = back @ step_origin_slope(observation.roll_rad, step_mm, curvature)
         transition[ORIENTATION.start, CURVATURE] = step_mm
@@ -112,6 +110,4 @@ def _predict(
         transition[POSITION.stop - 1, SLIP] = -observation.step_mm
         transition[ORIENTATION.start, SLIP] = -observation.step_mm * curvature
         process[SLIP, SLIP] = settings.slip_sd**2 * observation.step_mm / _SLIP_CHANGES_MM
-    turning = (3,) if settings.planar else _TURNING
-    process[turning, turning] = settings.process_sd_rad_per_root_mm**2 * step_mm
     return state.rotation @ turn, state.position_mm + state.rotation @ advance, transition, process

@@ -57,7 +57,14 @@ class EstimatorSettings(Estimator):
     @property
     def noise(self) -> FloatArray:
         """R, the covariance of an observation [mm^2]; not kept, as `model_copy` would keep it beside another value."""
-        return freeze(self.observation_sd_mm**2 * np.eye(len(self.observed)))
+        return self.observation_sd_mm**2 * self.observed[:, self.seen]
+
+    @cached_property
+    def turning(self) -> FloatArray:
+        """The errors of orientation that are uncertain, as ones on a diagonal (size, size)."""
+        turning = np.zeros(self.size)
+        turning[3 : 4 if self.planar else 6] = 1.0
+        return freeze(np.diag(turning))
 
     @cached_property
     def seen(self) -> slice:

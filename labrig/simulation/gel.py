@@ -166,7 +166,7 @@ def make_hole(
     scale = draw_needle_scale(world, seed, needle_id)
     mean, sd = interpolate_radius_mm(world.gels, specimen.gelatin_percent)
     radius, play, angle = random.standard_normal(3).tolist()
-    disturbed, path = specimen.is_phantom or world.disturbances.in_every_gel, stream(seed, "path", *purpose)
+    disturbed = specimen.is_phantom or world.disturbances.in_every_gel
     x, lean, slip = stream(seed, "out of plane and slip", *purpose).standard_normal(3).tolist()
     return Hole(
         *place,
@@ -174,7 +174,7 @@ def make_hole(
         play_mm=world.sheath.lateral_play_sd_mm * play,
         heading_rad=math.radians(world.sheath.angle_play_sd_deg * angle),
         patchiness=_draw_patchiness(random),
-        unevenness=draw_unevenness(world.disturbances, path) if disturbed else EVEN,
+        unevenness=draw_unevenness(world.disturbances, stream(seed, "path", *purpose)) if disturbed else EVEN,
         x_mm=world.sheath.x_play_sd_mm * x,
         lean_rad=math.radians(world.sheath.lean_play_sd_deg * lean),
         slip_fraction=world.disturbances.slip_sd_fraction * abs(slip) if disturbed else 0.0,

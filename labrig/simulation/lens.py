@@ -25,10 +25,8 @@ def distort(a: Floats, b: Floats, lens: LensDescription) -> tuple[Floats, Floats
     """Apply the lens's distortion to ideal normalised coordinates; Brown 1966."""
     k1, k2, p1, p2, k3 = lens.distortion
     r2 = a * a + b * b
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a), b * radial + p1 * (
-        r2 + 2 * b * b
-    ) + 2 * p2 * a * b
+    scale = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)) + 2 * (p1 * b + p2 * a)
+    return a * scale + p2 * r2, b * scale + p1 * r2
 
 
 def undistort(distorted: Floats, lens: LensDescription) -> Floats:

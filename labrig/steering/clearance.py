@@ -62,7 +62,7 @@ def _measure_arcs(
     across, along = local[..., 1] + radius_mm, local[..., 2]
     before_end = np.mod(np.arctan2(-along, across), 2 * np.pi)
     beside = np.hypot(local[..., 0], np.hypot(along, across) - radius_mm)
-    from_frames = np.sqrt((offsets**2).sum(axis=-1))
+    from_frames = np.sqrt(np.einsum("...i,...i", offsets, offsets))
     from_start, from_end = from_frames[..., :-1, :], from_frames[..., 1:, :]
     is_beside, is_at_end = before_end <= angles, from_end < from_start
     apart = np.where(is_beside, beside, np.where(is_at_end, from_end, from_start))

@@ -1,10 +1,9 @@
 """The state of an insertion, and how sightings and turns of the bevel change it: the estimating half of the step."""
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
-
-import numpy as np
 
 from labrig.needle.kinematics import FloatArray
 from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
@@ -132,7 +131,7 @@ def take_in_sighting(
     moving_from, seen, seen_mm = state.moving_from, state.seen, sighting.position_mm
     if seen_mm is not None and belief.tip.accepted:
         seen = (*seen, (sighting.insertion_mm, float(seen_mm[1]), float(seen_mm[2])))
-        if np.linalg.norm(seen_mm - moving_from[1]) >= settings.policy.stuck_mm / 2:
+        if math.dist(seen_mm, moving_from[1]) >= settings.policy.stuck_mm / 2:
             moving_from = sighting.insertion_mm, seen_mm
     turns = tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm)
     return replace(

@@ -203,7 +203,7 @@ class Intrinsics:
         rays = cv2.convertPointsToHomogeneous(
             _UNDISTORT(wanted[:, None], matrix, distortion, R=None, P=None, criteria=_STOP)
         ).reshape(-1, 3)
-        off = np.linalg.norm(self.project(rays)[0] - wanted, axis=1)
+        off = np.hypot(*(self.project(rays)[0] - wanted).T)
         if not off.max() <= _UNDISTORTION_TOLERANCE_PX:
             worst = wanted[int(np.argmax(np.nan_to_num(off, nan=np.inf)))]
             raise MeasurementRefusedError(

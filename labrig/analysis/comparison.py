@@ -364,7 +364,7 @@ def _note_run(run: UsedRun) -> Iterable[str]:
     if run.verdict in {"bad", "doubtful"}:
         yield f"{run.run} was judged {run.verdict}."
     if run.exit_status != "success":
-        yield f"{run.run} did not succeed ({run.exit_status}): what it measured is compared all the same."
+        yield f"{run.run} did not succeed ({run.exit_status}): only what it measured before its end is compared."
 
 
 def _note_groups(groups: Sequence[Group], simulated: set[bool]) -> Iterable[str]:

@@ -125,10 +125,11 @@ def _resolve_protocol(
         key = override.partition("=")[0]
         if not any(key.startswith(f"{each}.") or ("." in each and key == each) for each in known):
             near = get_close_matches(key.partition(".")[0], known, 1)
-            named = ", ".join(each if "." in each else f"{each}.*" for each in known) or "nothing"
+            named = ", ".join(each if "." in each else f"{each}.*" for each in known)
+            can = f"only {named} can" if known else "nothing can"
             raise InputError(
-                f"{override!r} cannot be changed after a run of {experiment.name}: only {named} can",
-                f"did you mean {near[0]}.?" if near else "run it again, or name another run",
+                f"{override!r} cannot be changed after a run of {experiment.name}: {can}",
+                f"did you mean {near[0]}.?" if near else f"run it again with --set {override}",
             )
     return load_recorded_protocol(run.protocol_path, {experiment.name: experiment.protocol_model}, overrides)
 

@@ -93,7 +93,7 @@ def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult, values: Sequence
 def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Interval | None) -> None:
     if limits is not None:
         draw_interval(axes, limits, place, look.colour)
-    axes.plot(value, place, look.marker, color=look.colour, markersize=7)
+    axes.plot(value, place, look.marker, color=look.colour, markersize=7, clip_on=False)
 
 
 def draw_over_points(
@@ -115,8 +115,7 @@ def draw_over_points(
         for panel, key in zip(panels, shown, strict=False):
             _draw_points(panel, known, key, result)
             for end, failing in find_failing(sound, result.measure).items():
-                # Outside the panel: the layout makes no room for them.
-                signs = {"ls": "", "in_layout": False, "transform": panel.get_xaxis_transform(), **_SIGN}
+                signs = {"ls": "", "transform": panel.get_xaxis_transform(), **_SIGN}
                 panel.plot(sound.loc[failing, key], np.ones(int(failing.sum())), _SIGNS[end], **signs)
         for panel in panels[len(shown) :]:
             panel.remove()

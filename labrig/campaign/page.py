@@ -19,7 +19,8 @@ from labrig.report.figures import write_figure
 from labrig.report.formatting import count_decimals, label_key, name_settings, number, signed
 from labrig.report.page import REPORT_FILE, tell_writing
 from labrig.report.page import write_page as write_document
-from labrig.text import split_key, split_quantity, tell_value
+from labrig.steering.parameters import SECTIONS
+from labrig.text import split_quantity, tell_value
 
 RESULT_FILE = "result.json"
 _MOST_COLUMNS = 5
@@ -78,6 +79,7 @@ def write_page(
         "arms_figure": arms,
         "front_figure": front,
         "points_figure": points,
+        "sections": SECTIONS,
         "maps": maps,
         "circles": circles,
         "written": tell_writing(created),
@@ -96,7 +98,6 @@ def _make_filters(result: CampaignResult) -> dict[str, Callable[..., str]]:
         "plus": lambda value: signed(value, decimals),
         "with_unit": lambda value: tell_value(value, result.measure),
         "words": name_settings,
-        "in_words": lambda key: split_key(key)[0],
         "with_key_unit": tell_value,
         "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
     }

@@ -22,8 +22,8 @@ from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_int
 from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_key
 from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
 from labrig.report.palette import mark
-from labrig.steering.parameters import PAPER_SECTIONS, Estimator, SteeringPolicy
-from labrig.text import split_key, split_quantity, tell_value
+from labrig.steering.parameters import PAPER_SECTIONS, SECTIONS
+from labrig.text import split_quantity, tell_value
 
 TABLE_FILES = ("measurements.csv", "measurements.json")
 DOCUMENT_FILE = "comparison.json"
@@ -74,13 +74,12 @@ def write_comparison(
         "conditions": [*list_conditions(*used.values())],
         "records": records,
         "paper": PAPER_SECTIONS,
-        "sections": {"estimator": Estimator.model_fields, "policy": SteeringPolicy.model_fields},
+        "sections": SECTIONS,
         "code_here": describe_installation(),
         "written": tell_writing(created),
     }
     filters = {
         "checksum": read_checksum,
-        "in_words": lambda key: split_key(key)[0].replace("_", " "),
         "with_unit": lambda value, key: UNKNOWN if value is None else tell_value(format_value(value), key),
     }
     write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)

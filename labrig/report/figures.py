@@ -342,7 +342,7 @@ def draw_lens(
                 "fontweight": "bold",
                 "textcoords": "offset points",
             }
-            axes.annotate("needle", start, (4, 5), **look)
+            axes.annotate("needle", start, (4, 5), bbox=_CLEAR, **look)
         axes.set_aspect("equal")
         axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
         axes.set(xlabel="u, to the right (px)", ylabel="v, downwards (px)")

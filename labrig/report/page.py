@@ -32,7 +32,7 @@ from labrig.record.reader import Run
 from labrig.report.event_words import list_decisions
 from labrig.report.formatting import flatten, format_time, format_value, interval, mark_breaks, number, signed
 from labrig.report.pictures import PLATE, photograph
-from labrig.text import format_count
+from labrig.text import format_count, split_key
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.plane import PlaneMap
 
@@ -187,7 +187,8 @@ def _select_said(words: Iterable[tuple[str, str]], page: Markup) -> list[tuple[s
     """Return the words, with their meanings, that stand in the text of a page."""
     # Safe: a space is all that is added, so that a unit under a head does not join it.
     text = Markup(str(page).replace("<span", " <span")).striptags().replace("\u00a0", " ")  # noqa: S704
-    return [each for each in words if re.search(rf"\b{re.escape(each[0])}s?\b", text, re.IGNORECASE)]
+    pattern = {word: re.sub("y$", "(y|ie)", re.escape(word)) for word, _ in words}
+    return [each for each in words if re.search(rf"\b{pattern[each[0]]}s?\b", text, re.IGNORECASE)]
 
 
 _FILTERS = {
@@ -204,6 +205,7 @@ _FILTERS = {
     "medians": _take_medians,
     "bind_units": _bind_units,
     "said_in": _select_said,
+    "in_words": lambda key: split_key(key)[0].replace("_", " "),
 }
 
 

@@ -132,3 +132,5 @@ PAPER_SECTIONS: Mapping[str, Mapping[str, object]] = {
     "estimator": {"method": "paper", "radius_sd_mm": 0.0, "cavity_every_mm": None, "slip_sd": 0.0},
 }
 """What `policy: paper` says beyond its own section: section -> key -> value."""
+SECTIONS = {"estimator": Estimator.model_fields, "policy": SteeringPolicy.model_fields}
+"""What a protocol says of how to steer: section -> key -> its field."""

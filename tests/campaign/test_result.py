@@ -98,7 +98,8 @@ def worse_at_20(task: Task) -> float:
         (
             {**ARMS, "repetitions": 9},
             worse_at_20,
-            "1 of 2 arms differs from replan every 5 mm in the mean true error at the target: replan every 20 mm is 5",
+            ("1 of 2 arms differs from replan every 5 mm in the mean true error at the target, which is "
+            "<b>5.00 mm</b> larger with replan every 20 mm"),
         ),
         ({**ARMS, "repetitions": 9}, spread, "cannot tell the means apart"),
         (ARMS, worse_at_20, "No difference from replan every 5 mm has an interval"),

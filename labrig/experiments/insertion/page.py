@@ -105,7 +105,7 @@ def _draw_insertion(
         strokes = (
             *scene.draw_places(),
             *scene.former,
-            *scene.draw_line("former", scene.plan_mm),
+            *scene.draw_line("former" if scene.taken_mm else "plan", scene.plan_mm),
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
             *scene.draw_line("true", true_path_mm),
             *([scene.draw_ring("moved", moved_mm[1:], trial.tolerance_mm)] if moved_mm else ()),

@@ -47,7 +47,7 @@ _QUANTITIES = {
     "planner radius": "planned radius",
     "disturbances heading": "wandering of the heading",
     "disturbances out of plane": "wandering out of the plane",
-    "sheath x play SD": "SD of the sheath's play",
+    "sheath x play SD": "SD of the sheath's play out of the plane",
 }
 _UNITS = {
     "deg_per_root_mm": "degrees/√mm", "per_mm": "per mm",

@@ -77,6 +77,8 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
         if text not in page
     ]
     assert not [text for text in (HOSTILE, "<script>alert", "mathdefault") if text in page]
+    assert "“b”: as the base protocol." in page
+    assert "<td>Replan after this much insertion</td>" in page
 
 
 ARMS = {"vary": {"policy.replan_every_mm": [5, 10, 20]}}

@@ -18,14 +18,15 @@ _DEEPEST = 4  # sections are not nested deeper; this bounds a recursive schema
 def explain_errors(error: ValidationError, tree: Tree, schema: JsonSchema) -> tuple[InputFault, ...]:
     """Return each error of pydantic as a fault of the file that `tree` was read from.
 
-    A missing key and an unknown key beside it that probably means it are one fault, at the unknown key. A value that
-    fits none of several kinds is one fault.
+    A missing key and an unknown key beside it that probably means it, or a file that has it, are one fault, at the
+    unknown key. A value that fits none of several kinds is one fault.
     """
     spots = [_Spot(detail, tree, _Schema(schema)) for detail in error.errors(include_url=False)]
     meant = {(*spot.path[:-1], spot.guess_key()) for spot in spots if spot.kind == "extra_forbidden"}
+    files = {path[:-1] for path in meant if str(path[-1]).endswith("_file")}
     faults: dict[KeyPath, InputFault] = {}
     for spot in spots:
-        if spot.kind != "missing" or spot.path not in meant:
+        if spot.kind != "missing" or not (spot.path in meant or spot.path[:-1] in files):
             for fault in spot.explain():
                 first = faults.setdefault(fault.path, fault)
                 other = fault.message.partition(" must be ")[2]

@@ -42,6 +42,7 @@ def change(old: str, new: str, text: str = STEERABILITY) -> str:
 # old, new, key, message, hint, and the text of the line that is named if it is not that of the new one
 WRONG = [
     ("length_mm: 40", "length_cm: 4", "insertion.length_cm", "unknown key", "did you mean length_mm?"),
+    ("name: gel 10 %, gelatin_percent: 10", "specimenfile: A1", "specimens.0.specimenfile", "unknown key", "_file?"),
     ("title:", "pitch: 1\ntitle:", "pitch", "unknown key pitch", "known here: schema_version, experiment"),
     ("title:", "frame_every_mm: 1\ntitle:", "frame_every_mm", "unknown", "insertion.frame_every_mm"),
     ("length_mm: 40", 'length_mm: "40"', "insertion.length_mm", 'is "40", must be a valid number', "[mm]"),

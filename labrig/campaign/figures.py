@@ -93,7 +93,7 @@ def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult, values: Sequence
 def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Interval | None) -> None:
     if limits is not None:
         draw_interval(axes, limits, place, look.colour)
-    axes.plot(value, place, look.marker, color=look.colour, markersize=7, clip_on=False)
+    axes.plot(value, place, look.marker, color=look.colour, markersize=7, clip_on=False, in_layout=False)
 
 
 def draw_over_points(

@@ -15,13 +15,12 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.hardware import open_camera
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import write_atomically
-from labrig.errors import InputError
+from labrig.errors import InputError, InterruptedRunError
 from labrig.report.local_server import suggest_forwarding
 from labrig.report.picture_page import NO_PICTURE, PicturePage, ShownPicture
 from labrig.vision.calibration_file import CameraInUse, encode_frame
 from labrig.vision.picture_quality import judge_picture, measure_flicker
 
-_INTERRUPTED = 130
 _COUNTED = 16
 _REMEMBERED = 64
 _PERIOD_S = 0.1
@@ -53,7 +52,7 @@ def view_camera(rig: RigDescription, *, web: bool, save: Path | None) -> int:
         pictures = _take_pictures(camera, shown, interrupted)
         taken = _show(pictures) if web else list(islice(pictures, _COUNTED))
         if not taken:
-            return _INTERRUPTED
+            return InterruptedRunError.exit_code
         last = taken[-1]
     is_good = all(score.good is not False for score in last.scores)
     print_json({
@@ -70,7 +69,7 @@ def view_camera(rig: RigDescription, *, web: bool, save: Path | None) -> int:
         write_atomically(save, encode_frame(last.image, in_use))
         say(f"written: {save}")
     if interrupted() is not None:
-        return _INTERRUPTED
+        return InterruptedRunError.exit_code
     return 0 if is_good else 1
 
 

@@ -16,8 +16,6 @@ from labrig.cli.output import print_checks, print_json, print_line, say
 from labrig.errors import InputError, InterruptedRunError, SafetyStopError, WireError
 from labrig.library.names import find_rig_file
 
-_INTERRUPTED = 130
-
 AxisName = StrEnum("AxisName", ["insertion", "rotation", "linear"])
 _CURRENT_HELP = "Limit of the drives' output current in mA; 0 leaves their own limits."
 CurrentOption = Annotated[int, Option(min=0, max=20_000, help=_CURRENT_HELP)]
@@ -120,7 +118,7 @@ def simulate(
         print_json({"nodes": node_ids, "interface": interface, "channel": reached_by})
         print_line(f"ready: nodes {','.join(map(str, node_ids))} on {interface} {reached_by}".rstrip())
         drives.serve(interrupted)
-    return _INTERRUPTED
+    return InterruptedRunError.exit_code
 
 
 def home(

@@ -37,7 +37,7 @@ from labrig.cli import (
 from labrig.cli.bug_report import keep_traceback
 from labrig.cli.options import complete_live
 from labrig.cli.output import SPEAKS_JSON, print_failure, print_line
-from labrig.cli.signals import Interruption, raise_on_signals
+from labrig.cli.signals import raise_on_signals
 from labrig.errors import BugError, DiskError, InputError, InterruptedRunError, LabrigError, MachineError
 
 _Command = Callable[..., int | None]
@@ -94,7 +94,7 @@ GROUPS: Mapping[str, str] = {
 }
 
 
-def _make_command(function: _Command) -> _Command:
+def make_command(function: _Command) -> _Command:
     """Return a command that takes `--json`, and refuses NaN and infinity for any of its numbers."""
 
     @wraps(function)
@@ -104,7 +104,10 @@ def _make_command(function: _Command) -> _Command:
                 if isinstance(number, float) and not math.isfinite(number):
                     option = name.replace("_", "-")
                     raise InputError(f"--{option} is {number}", "give a finite number")
-        return function(**values)
+        try:
+            return function(**values)
+        except KeyboardInterrupt as interruption:  # of which typer would not say a word
+            raise InterruptedRunError(f"interrupted by {str(interruption) or 'SIGINT'}") from interruption
 
     flag = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
     signature = inspect.signature(function, eval_str=True)
@@ -142,12 +145,12 @@ def _make_app() -> typer.Typer:
     )
     app.callback()(_root)
     groups = {name: typer.Typer() for name in GROUPS}
-    groups["runs"].callback(invoke_without_command=True)(_make_command(runs.list_))
+    groups["runs"].callback(invoke_without_command=True)(make_command(runs.list_))
     for name, group in groups.items():
         app.add_typer(group, name=name, help=GROUPS[name])
     for name, (function, text) in COMMANDS.items():
         *above, word = name.split()
-        (groups[above[0]] if above else app).command(word, help=text)(_make_command(function))
+        (groups[above[0]] if above else app).command(word, help=text)(make_command(function))
     return app
 
 
@@ -164,15 +167,13 @@ def _run_command(arguments: Sequence[str], app: typer.Typer) -> int:
     try:
         with raise_on_signals():
             return _invoke(app, arguments)
-    except (Interruption, KeyboardInterrupt) as interruption:
-        failure: LabrigError = InterruptedRunError(f"interrupted by {str(interruption) or 'SIGINT'}")
     except typer.TyperException as error:
         # Words that the validators of typer put before a message of its own.
         known = (name for name in (*COMMANDS, *GROUPS) if [*arguments][: len(name.split())] == name.split())
         hint = " ".join(("see: labrig", *sorted(known, key=len)[-1:], "--help"))
         if any(re.search(r"[\[{][^\]}]*$|,$", word) for word in arguments):  # a shell has cut it at a blank
             hint = "put quotes around a value with blanks"
-        failure = InputError(error.format_message().replace("Value error, ", "", 1), hint)
+        failure: LabrigError = InputError(error.format_message().replace("Value error, ", "", 1), hint)
     except LabrigError as error:
         # A bug in another process comes with its traceback as a note.
         failure = (

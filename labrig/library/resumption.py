@@ -89,7 +89,7 @@ def resume_run(
 
     order = RunOrder(experiment, recorded, description, path.parent, path.name, command_line, {})
     go_on = partial(conduct, experiment, recorded, past=past)
-    ended = record_on_rig(order, plan.work, attendant, begin, go_on)
+    ended = record_on_rig(order, plan, attendant, begin, go_on)
     return finish(ended, experiment, command_line, attendant)
 
 

@@ -33,7 +33,7 @@ from labrig.record.reader import Run, open_run
 from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.dry_run import plan_run
-from labrig.runner.experiment import Experiment
+from labrig.runner.experiment import Experiment, RunPlan
 from labrig.runner.needle_report import NeedleReport, report_needle
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.run_record import RunOrder, open_record
@@ -93,7 +93,7 @@ def record(order: RunOrder, attendant: Attendant) -> FinishedRun:
         return Session(rig, rig.do_aside(opening), progress)
 
     conduct_on = partial(conduct, experiment, protocol)
-    return record_on_rig(order, plan.work, attendant, begin, conduct_on)
+    return record_on_rig(order, plan, attendant, begin, conduct_on)
 
 
 def finish(
@@ -160,7 +160,7 @@ def _end_interrupted(ended: FinishedRun, by: str) -> FinishedRun:
 
 def record_on_rig(
     order: RunOrder,
-    work: float,
+    plan: RunPlan,
     attendant: Attendant,
     begin: Callable[[Rig, Progress], Session],
     conduct_on: Callable[[Session], Outcome],
@@ -169,8 +169,8 @@ def record_on_rig(
 
     Parameters
     ----------
-    work : float
-        The end of its progress.
+    plan : RunPlan
+        How long it takes, and of how many trials it is.
     begin : callable
         Opens the record.
     conduct_on : callable
@@ -184,7 +184,7 @@ def record_on_rig(
         try:
             with (
                 attendant.open_rig(order.rig, doing, protocol.seed, opening) as (opened, interrupted),
-                attendant.progress(protocol.experiment, work) as progress,
+                attendant.progress(protocol.experiment, plan.work) as progress,
             ):
                 session = begin(opened, progress)
                 path = session.recorder.path
@@ -193,7 +193,7 @@ def record_on_rig(
                     session.dialogue.requests = requests
                     outcome = conduct_on(session)
                 is_over = isinstance(outcome.error, BugError | TargetMissedError)
-                can_resume = session.dialogue.planned > 0 and not is_over
+                can_resume = plan.trials > 0 and not is_over
                 ended = FinishedRun(path, outcome, report_needle(opened, path), can_resume=can_resume)
         except MachineError as failure:
             if ended is None:

@@ -445,10 +445,11 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
     assert (row["trials_done"], row["trials_planned"], row["exit_status"]) == (4, 4, "success")
 
 
-def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: Path) -> None:
-    """A run that failed on a restarted drive prints the command that resumes it; resumed, it ends well."""
+@pytest.mark.parametrize(("name", "before"), [("steerability", ["interrupted"]), ("insertion", [])])
+def test_a_failed_run_goes_on(name: str, before: list[str], labrig: Labrig, tmp_path: Path) -> None:
+    """A run that failed on a restarted drive, in a trial or before, prints what resumes it; resumed, it ends well."""
     fault = ("--set", "rig.faults=[{fault: boot-up, axis: linear, at_s: 6, once: moving}]")
-    words = (*of_protocol("steerability"), "--runs-dir", tmp_path, "--run-name", "a run")
+    words = (*of_protocol(name), "--runs-dir", tmp_path, "--run-name", "a run")
     failed = labrig("run", *words, *fault)
     assert failed.exit_code == 3
     assert "nothing is to be taken out" in failed.err
@@ -456,7 +457,7 @@ def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: P
     done = labrig("resume", tmp_path / "a run", "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
     run = open_run(tmp_path / "a run")
-    assert list(run.trials["exit_status"]) == ["interrupted", "success"]
+    assert list(run.trials["exit_status"]) == [*before, "success"]
     assert [stop.exit_status for stop in run.read_events(RunStop)] == ["failed", "success"]
 
 

@@ -104,11 +104,13 @@ def make_result(
 
 
 def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase, ...]:
-    """Return the tasks with the largest values, then those without any."""
+    """Return the tasks that were wrongly called a success, those with the largest values, then those without any."""
     measure, sound = loaded.by.quantity, table[table["error"].isna()]
     if measure not in table.columns:
         return ()
-    ordered = sound.assign(end=name_ends(sound)).sort_values([measure, "task"], ascending=[False, True])
+    rated = sound.assign(end=name_ends(sound))
+    rated["wrong"] = (rated["end"] == "success") & (rated[measure] > (loaded.by.tolerance or float("inf")))
+    ordered = rated.sort_values(["wrong", measure, "task"], ascending=[False, False, True])
     return tuple(
         WorstCase(
             task=row["task"],

@@ -168,7 +168,6 @@ def _run_command(arguments: Sequence[str], app: typer.Typer) -> int:
         with raise_on_signals():
             return _invoke(app, arguments)
     except typer.TyperException as error:
-        # Words that the validators of typer put before a message of its own.
         known = (name for name in (*COMMANDS, *GROUPS) if [*arguments][: len(name.split())] == name.split())
         hint = " ".join(("see: labrig", *sorted(known, key=len)[-1:], "--help"))
         if any(re.search(r"[\[{][^\]}]*$|,$", word) for word in arguments):  # a shell has cut it at a blank

@@ -5,7 +5,6 @@ import signal
 import sys
 from typing import TextIO
 
-INTERRUPTED = 130
 BUG = 5
 
 
@@ -42,7 +41,7 @@ def _run_arguments() -> int:
         return run_command(sys.argv[1:])
     except Interruption as interruption:
         sys.stderr.write(f"error: interrupted by {interruption}\n")
-        return INTERRUPTED
+        return 130  # of InterruptedRunError, which may not be there yet
     finally:
         ignore_until_exit()
 

@@ -62,12 +62,7 @@ def run_at_terminal(
 ) -> Ended:
     """Run a labrig in a terminal of its own.
 
-    Parameters
-    ----------
-    answer : callable
-        Returns what is typed at each question.
-    press : callable
-        Is given all that the terminal has shown whenever it shows more; returns the keys that are pressed then.
+    `answer` returns what is typed at a question; `press` what keys are pressed when the terminal has shown this much.
     """
     keyboard, screen = os.openpty()
     with subprocess.Popen(

@@ -264,7 +264,9 @@ class TargetErrorBounds:
         if arrival != "reached_in_plane_only":
             return Ending(arrival, f"target_{arrival}", cause)
         name, hint = _SOURCES[self.sources.largest]
-        unseen = f"one camera does not see out of its plane, and most of the uncertainty comes from {name}"
+        unseen = f"nothing in the picture shows the depth, and most of the uncertainty comes from {name}"
+        if self.depth is not None:
+            unseen = f"the picture shows the depth only to {self.depth.picture_sd_mm:.1f} mm (SD)"
         return Ending(arrival, arrival, f"{cause}; {unseen}", hint)
 
     def warn(self, tolerance_mm: float) -> Problem | None:

@@ -134,7 +134,7 @@ def _draw_circle(protocol: InsertionProtocol, trial: InsertionTrial, scene: Scen
     """Yield the tightest turn from the start towards a target that lies inside it; it begins with a straight piece."""
     radius_mm, target_mm = protocol.planner.radius_mm, trial.target_mm[1:]
     centre_mm = math.copysign(radius_mm, target_mm[0]), protocol.policy.find_acting_mm(0.0)
-    if trial.stop == "no_path" and math.dist(centre_mm, target_mm) < radius_mm - trial.tolerance_mm:
+    if math.dist(centre_mm, target_mm) < radius_mm:
         yield scene.draw_ring("turning", centre_mm, radius_mm)
 
 

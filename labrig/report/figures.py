@@ -252,7 +252,7 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
         }
         axes.plot(sideways, gel.radii_mm, gel.mark.marker, **look)
         mean_mm, sd_mm, drawn_mm = np.array([gel.mean_mm, gel.sd_mm, gel.drawn_mean_mm], dtype=np.float64)
-        axes.errorbar(place + 0.03, mean_mm, sd_mm, ecolor=gel.mark.colour, **_SD)
+        axes.errorbar(place + 0.24, mean_mm, sd_mm, ecolor=gel.mark.colour, **_SD)
         axes.errorbar(place + 0.15, drawn_mm, xerr=0.05, **_DRAWN)
         if gel.paper_mm is not None:
             # Dashed: it is no interval of a mean.

@@ -27,7 +27,7 @@ _LEAST_IN_BIN = 5
 _MOST_VECTORS = 300
 _SHARES = LinearSegmentedColormap.from_list("shares", ("#ffffff", "#56b4e9"))
 _SIGNS = {"missed": "x", BROKEN_OFF: "^", WITHOUT_VALUE: "s"}
-_SIGN: dict[str, Any] = {"color": "#b02a00", "mfc": "white", "markersize": 8, "mew": 1.8, "clip_on": False}
+_SIGN: dict[str, Any] = {"color": "#b02a00", "mfc": "white", "ms": 8, "mew": 1.8, "clip_on": False, "ls": ""}
 _APART = 0.22
 """Of rows: the median stands above the mean and the values below it, not on it."""
 
@@ -115,7 +115,7 @@ def draw_over_points(
         for panel, key in zip(panels, shown, strict=False):
             _draw_points(panel, known, key, result)
             for end, failing in find_failing(sound, result.measure).items():
-                signs = {"ls": "", "transform": panel.get_xaxis_transform(), **_SIGN}
+                signs = {"transform": panel.get_xaxis_transform(), "in_layout": failing.any(), **_SIGN}
                 panel.plot(sound.loc[failing, key], np.ones(int(failing.sum())), _SIGNS[end], **signs)
         for panel in panels[len(shown) :]:
             panel.remove()

@@ -54,19 +54,17 @@ def curvature(
 
     measured: dict[Path, CurvatureMeasurement] = {}
 
-    def measure(path: Path) -> Row:
-        found = measured[path] = measure_curvature(read_picture(path), mapping, settings)
+    def describe(found: CurvatureMeasurement) -> Row:
         left_out = list_not_in_interval(mapping, [found.radius_budget_mm])
         return {**found.model_dump(mode="json"), "not_in_interval": list(left_out)}
 
+    def measure(path: Path) -> Row:
+        found = measured[path] = measure_curvature(read_picture(path), mapping, settings)
+        return describe(found)
+
     def compare(rows: Sequence[Row]) -> list[Row]:
         film = dict(zip(measured, refuse_cut_short(list(measured.values())), strict=True))
-        return [
-            row
-            if film.get(path) is measured.get(path)
-            else {**film[path].model_dump(mode="json"), "not_in_interval": []}
-            for path, row in zip(images, rows, strict=True)
-        ]
+        return [describe(film[path]) if path in film else row for path, row in zip(images, rows, strict=True)]
 
     def list_cells(row: Row) -> Iterable[str | None]:
         stated = row if row["accepted"] else {}

@@ -16,8 +16,7 @@ _SPARE_MM = 0.02
 _OBSTACLES = 16
 _DAMPING_MM2 = 0.3
 _LARGEST_STEP_RAD = 0.3
-# The steps shrink quadratically: after one of this size the tip is within a nanometre.
-_CONVERGED_RAD = 1e-4
+_CONVERGED_RAD = 1e-6
 
 
 def mend_paths(psi: FloatArray, around: Surroundings, steps: int) -> FloatArray:

@@ -115,6 +115,7 @@ def draw_over_points(
         for panel, key in zip(panels, shown, strict=False):
             _draw_points(panel, known, key, result)
             for end, failing in find_failing(sound, result.measure).items():
+                # A line without a point has no box: the layout collapses.
                 signs = {"transform": panel.get_xaxis_transform(), "in_layout": failing.any(), **_SIGN}
                 panel.plot(sound.loc[failing, key], np.ones(int(failing.sum())), _SIGNS[end], **signs)
         for panel in panels[len(shown) :]:

@@ -11,6 +11,7 @@ from labrig.campaign.statistics import (
     compare_arms,
     correlate,
     count_alike,
+    find_false_successes,
     judge_arm,
     name_ends,
 )
@@ -108,9 +109,8 @@ def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase,
     measure, sound = loaded.by.quantity, table[table["error"].isna()]
     if measure not in table.columns:
         return ()
-    rated = sound.assign(end=name_ends(sound))
-    rated["wrong"] = (rated["end"] == "success") & (rated[measure] > (loaded.by.tolerance or float("inf")))
-    ordered = rated.sort_values(["wrong", measure, "task"], ascending=[False, False, True])
+    rated = sound.assign(end=name_ends(sound), false=find_false_successes(sound, loaded.by))
+    ordered = rated.sort_values(["false", measure, "task"], ascending=[False, False, True])
     return tuple(
         WorstCase(
             task=row["task"],

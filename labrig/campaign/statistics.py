@@ -105,7 +105,6 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
     spread = spread_values(known.tolist(), by.quantity)
     reached = None if by.tolerance is None else int((known <= by.tolerance).sum())
     ended = name_ends(sound)
-    is_false = (ended == "success").to_numpy(bool, na_value=False) & (values > (by.tolerance or 0.0))
     return ArmResult(
         name=name,
         settings=dict(settings),
@@ -118,7 +117,7 @@ def judge_arm(table: pd.DataFrame, name: str, settings: Mapping[str, object], by
         within_tolerance=reached,
         share=None if reached is None or not len(sound) else reached / len(sound),
         share_ci95=None if reached is None else bound_share(reached, len(sound)),
-        false_successes=None if reached is None else int(is_false.sum()),
+        false_successes=None if reached is None else int(find_false_successes(sound, by).sum()),
         ends=count_alike(ended),
     )
 
@@ -135,6 +134,12 @@ def name_ends(table: pd.DataFrame) -> "pd.Series[str]":
     """Return how each task ended: `success`, `broken_off`, or the reason."""
     ends = table["reason"].where(table["exit_status"] != "success", "success").fillna(table["exit_status"])
     return ends.astype(str).mask(_find_broken_off(table), BROKEN_OFF)
+
+
+def find_false_successes(sound: pd.DataFrame, by: Criterion) -> "pd.Series[bool]":
+    """Return which tasks ended as a success beyond the tolerance; none without a tolerance."""
+    beyond = read_values(sound, by.quantity) > (math.inf if by.tolerance is None else by.tolerance)
+    return (name_ends(sound) == "success") & beyond
 
 
 def count_alike(texts: "pd.Series[str]") -> dict[str, int]:

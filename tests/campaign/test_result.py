@@ -51,6 +51,7 @@ def test_the_worst_cases_are_named_with_the_command_that_makes_them(tmp_path: Pa
     without = loaded.find_task(2).seed
     result, table = found(loaded, lambda task: None if task.seed == without else task.seed % 100 / 50.0)
     *valued, last = result.worst
+    assert (last.value, last.task) == (None, 2)
     assert [case.value for case in valued] == sorted(table["true_target_error_mm"].dropna(), reverse=True)
     assert last.command[:3] == ("labrig", "run", str(loaded.base))
     assert last.command[-6:] == (

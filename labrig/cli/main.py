@@ -95,7 +95,7 @@ GROUPS: Mapping[str, str] = {
 
 
 def make_command(function: _Command) -> _Command:
-    """Return a command that takes `--json`, and refuses NaN and infinity for any of its numbers."""
+    """Return a command that takes `--json`, refuses NaN and infinity, and says when it is interrupted."""
 
     @wraps(function)
     def command(*, as_json: bool, **values: Any) -> int | None:  # noqa: ARG001 - `run_command` has read it
@@ -172,6 +172,7 @@ def _run_command(arguments: Sequence[str], app: typer.Typer) -> int:
         hint = " ".join(("see: labrig", *sorted(known, key=len)[-1:], "--help"))
         if any(re.search(r"[\[{][^\]}]*$|,$", word) for word in arguments):  # a shell has cut it at a blank
             hint = "put quotes around a value with blanks"
+        # The validators of typer put words before a message of its own.
         failure: LabrigError = InputError(error.format_message().replace("Value error, ", "", 1), hint)
     except LabrigError as error:
         # A bug in another process comes with its traceback as a note.

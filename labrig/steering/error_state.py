@@ -44,9 +44,8 @@ def step_error_state(state: TipState, observation: TipObservation, settings: Est
         innovation = ((observation.position_mm - position) @ rotation)[settings.seen]
         root, weighed, _ = dposv(covariance[settings.seen, settings.seen] + settings.noise, innovation)
         nis = float(innovation @ weighed)
-        log_likelihood = -0.5 * (nis + len(root) * math.log(2.0 * math.pi)) - math.log(
-            math.prod(root.diagonal())
-        )
+        log_determinant = 2.0 * math.log(math.prod(root.diagonal()))
+        log_likelihood = -0.5 * (nis + len(root) * math.log(2.0 * math.pi) + log_determinant)
         fits = nis <= _limit_nis(state, settings)
         accepted = fits or state.misses >= _PATIENCE
         if not fits and accepted:

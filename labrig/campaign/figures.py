@@ -69,7 +69,10 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
 def _draw_pairs(axes: Axes, result: CampaignResult) -> None:
     """Draw the mean of the paired differences of each further arm from the first."""
     known = [(place, pair, pair.mean) for place, pair in enumerate(result.pairs, 1) if pair.mean is not None]
-    axes.set_xlim(choose_limits([0.0, *(mean for *_, mean in known)], [pair.ci95 for pair in result.pairs]))
+    bounds = [pair.ci95 for pair in result.pairs if pair.ci95 is not None]
+    # One mean is close to 0 however wide its interval is: the narrowest one belongs to the values.
+    narrow = min(bounds, key=lambda ends: ends[1] - ends[0], default=())
+    axes.set_xlim(choose_limits([0.0, *(mean for *_, mean in known), *narrow], bounds))
     axes.axvline(0.0, color="#555555", linewidth=1.0)
     for place, pair, mean in known:
         _draw_interval(axes, place, mark(place), mean, pair.ci95)

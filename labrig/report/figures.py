@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.durable import write_atomically
 from labrig.protocol.model import Interval
+from labrig.report.formatting import count_decimals, interval
 from labrig.report.palette import DESIGN, Mark, mark
 
 FloatArray = NDArray[np.float64]
@@ -172,16 +173,16 @@ class Design:
 def choose_limits(values: Sequence[float], intervals: Sequence[Interval | None]) -> Interval | None:
     """Return the limits of an axis of values and intervals; None without two different values.
 
-    An interval of two or three values may be ten times as wide as these: it may be as wide again as all values on
-    either side, and is cut there, or it would squeeze all else to a point.
+    An interval of two or three values may be ten times as wide as these, and would squeeze all else to a point. It may
+    go on beyond them by 1.5 times what they are apart; a longer one is cut where it has gone on by once that.
     """
     low, high = min(values, default=0.0), max(values, default=0.0)
     if low == high:
         return None
-    span, ends = high - low, [low, high, *(end for interval in intervals for end in interval or ())]
-    low, high = max(min(ends), low - span), min(max(ends), high + span)
-    room = 0.04 * (high - low)
-    return low - room, high + room
+    span, ends = high - low, np.array([low, high, *(end for interval in intervals for end in interval or ())])
+    cut = np.clip(ends, low - span, high + span)
+    shown = np.where(np.abs(ends - cut) < span / 2, ends, cut)
+    return float(shown.min() - 0.04 * np.ptp(shown)), float(shown.max() + 0.04 * np.ptp(shown))
 
 
 def draw_interval(
@@ -202,10 +203,10 @@ def draw_interval(
         points = (across, along) if upright else (along, across)
         axes.plot(*points, style, color=colour, linewidth=width, markersize=size, clip_on=style == "-")
     if tuple(shown) != tuple(ends):
-        words, at = f"{ends[0]:.3g} to {ends[1]:.3g}".replace("-", "−"), float(shown[int(upright)])
-        # Beside an upright interval, and above the end of any other.
-        look: dict[str, Any] = {"rotation": 90, "va": "top"} if upright else {"va": "bottom"}
-        place_at, off = ((place, at), (-11, 0)) if upright else ((at, place), (0, 5))
+        words, end = interval(ends, max(2, count_decimals([ends], ends))), int(upright or shown[0] == ends[0])
+        # Beside an upright interval, and above the arrow of any other.
+        look: dict[str, Any] = {"rotation": 90, "va": "top"} if upright else {"ha": ("left", "right")[end]}
+        place_at, off = ((place, shown[1]), (-11, 0)) if upright else ((shown[end], place), (0, 5))
         axes.annotate(words, place_at, off, textcoords="offset points", fontsize=8, bbox=_CLEAR, **look)
 
 

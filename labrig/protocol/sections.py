@@ -346,8 +346,8 @@ class AnalysisWindow(Model):
     stated too; null: only max_radius_sigma_mm counts."""
     roll_sd_deg: float = Field(2.0, ge=0, le=30)
     """Standard deviation of the bevel's roll [deg]; 2 if it was set by eye. A bevel out of the plane makes
-    the measured radius too large, so the lower end of a gel's interval is moved, and the error bar of each
-    picture's radius is wider."""
+    the measured radius too large or too small, so the interval of a gel and the error bar of each picture's
+    radius are wider."""
 
     @property
     def least_length_mm(self) -> float:

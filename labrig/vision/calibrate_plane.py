@@ -402,7 +402,7 @@ def fit_homography(px: FloatArray, paper_mm: FloatArray) -> FloatArray:
 
 def _no_plane_error() -> CalibrationRefusedError:
     return CalibrationRefusedError(
-        "no plane explains the paper's lines", "lay the paper flat and fill the picture with it"
+        "no plane explains the printed grid", "lay the paper flat and fill the picture with it"
     )
 
 
@@ -480,7 +480,7 @@ def _judge(plane: PlaneMap, found: PaperPoints, fit: PlaneFit, turn_rad: float) 
         )
     if coverage < _LEAST_COVERAGE:
         reasons.append(
-            f"the paper's lines cover {round_down(100.0 * coverage, 1)} % of the picture, "
+            f"the printed grid covers {round_down(100.0 * coverage, 1)} % of the picture, "
             f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: use a larger sheet, evenly lit"
         )
     if fit.gross > _LARGEST_GROSS_SHARE:

@@ -182,7 +182,7 @@ def test_refuses_a_scrap_of_paper(width_px, enough):
     scrap[100:460, 150 : 150 + width_px] = picture_of(PAPER)[100:460, 150 : 150 + width_px]
     plane = calibrate(PAPER, picture=scrap)
     assert plane.accepted == enough
-    assert enough or "the paper's lines cover 2" in plane.reasons[0]
+    assert enough or "the printed grid covers 2" in plane.reasons[0]
 
 
 @pytest.mark.parametrize("kind", ["blank", "noise", "stripes", "board", "one pixel"])

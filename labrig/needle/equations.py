@@ -97,6 +97,7 @@ class RotationPlane:
 
 
 EQUATION_3 = RotationPlane(a=1.09, b=296.0, c=-0.433, rmse_deg=0.1608)
+FIT_SD = 2.0  # a rotation may be off its plane by so many rms residuals
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class RadiusTolerance:
     per_degree_mm : float
         Slope, mm of radius for a degree of inclination; negative.
     low_mm, high_mm : float
-        The radius if both tolerances add up. `high_mm` is None if the hinges might not turn at all.
+        The radius if both tolerances and the fit's error add up; `high_mm` is None if the hinges might not turn at all.
     """
 
     per_clearance: float
@@ -127,13 +128,13 @@ def radius_tolerance(
     clearance_tolerance_mm: float,
     cut_tolerance_deg: float,
 ) -> RadiusTolerance:
-    """Return the slopes of the radius at a rotation, and its worst cases within the tolerances.
+    """Return the slopes of the radius at a rotation, and its worst cases.
 
-    With r = 2 H / beta_rot a slope is -r / beta_rot times the slope of the plane. The worst cases are exact for
-    the plane, because the radius decreases with both.
+    With r = 2 H / beta_rot a slope is -r / beta_rot times that of the plane. In the worst cases both tolerances are at
+    their limit to one side, and the rotation is off the plane by `FIT_SD` of its rms residuals.
     """
     slope = -radius_mm(beta_rot_deg, link_length_mm) / beta_rot_deg
-    spread_deg = plane.b * clearance_tolerance_mm + plane.a * cut_tolerance_deg
+    spread_deg = plane.b * clearance_tolerance_mm + plane.a * cut_tolerance_deg + FIT_SD * plane.rmse_deg
     least_deg = beta_rot_deg - spread_deg
     return RadiusTolerance(
         per_clearance=slope * plane.b,

@@ -51,7 +51,7 @@ PAPER_TUBE = Tube(outer_diameter_mm=1.2, inner_diameter_mm=0.7, link_length_mm=3
 
 
 class NeedleDesign(Model):
-    """A design as other rooms use it: diameter, and the radius with its worst cases within the laser's tolerances."""
+    """A design as other rooms use it: diameter, and the radius with its worst cases."""
 
     kind: Literal["labrig-needle-design"]
     """Which kind of file this is."""
@@ -66,9 +66,9 @@ class NeedleDesign(Model):
     radius_mm: PositiveMm
     """Steering radius that the hinge is cut for [mm]."""
     radius_low_mm: PositiveMm
-    """Smallest radius within the laser's tolerances [mm]."""
+    """Smallest radius by the laser's tolerances and the fit's error [mm]."""
     radius_high_mm: float = Field(gt=0)
-    """Largest radius within the laser's tolerances [mm]."""
+    """Largest radius by the laser's tolerances and the fit's error [mm]."""
     basis: Basis
     """Model by which inclination and tolerance were computed."""
     provenance: dict[str, Any]

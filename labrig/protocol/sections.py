@@ -145,9 +145,9 @@ class NeedleDesignSection(Model):
     sha256: str = Field(min_length=64, max_length=64)
     """SHA-256 of that file."""
     radius_low_mm: PositiveMm
-    """Smallest radius within the laser's tolerances [mm]."""
+    """Smallest radius by the laser's tolerances and the fit's error [mm]."""
     radius_high_mm: PositiveMm
-    """Largest radius within the laser's tolerances [mm]."""
+    """Largest radius by the laser's tolerances and the fit's error [mm]."""
     link_length_mm: float = Field(gt=0, le=100)
     """Length of a link, from hinge to hinge [mm]."""
 

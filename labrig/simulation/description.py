@@ -39,9 +39,9 @@ class DesignDescription(Model):
     """What a needle was designed for: its hinges let it steer at some radius within the tolerance."""
 
     radius_low_mm: PositiveMm
-    """Smallest radius within the laser's tolerances [mm]."""
+    """Smallest radius by the laser's tolerances and the fit's error [mm]."""
     radius_high_mm: PositiveMm
-    """Largest radius within the laser's tolerances [mm]."""
+    """Largest radius by the laser's tolerances and the fit's error [mm]."""
 
 
 class NeedleDescription(Model):

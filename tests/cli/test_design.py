@@ -95,9 +95,8 @@ def test_the_answer_is_that_of_table_1_and_of_our_search(labrig: Labrig, tmp_pat
     assert (design.radius_mm, design.tube.outer_diameter_mm, design.basis) == (30.0, 1.2, "equation (3)")
     assert design.beta_cut_deg == found["beta_cut_deg"]
     assert (design.radius_low_mm, design.radius_high_mm) == (tolerance["low_mm"], tolerance["high_mm"])
-    assert (run.damage, (run.path / "rig.yaml").exists(), len(run.pictures), run.devices) == (
-        (), False, 0, {},
-    )  # fmt: skip
+    assert (run.damage, len(run.pictures), run.devices) == ((), 0, {})
+    assert not (run.path / "rig.yaml").exists()
     assert list(run.events["kind"]) == ["run_start", "run_stop"]
     content = DesignResult.model_validate(found, strict=False)
     text = " ".join((*list_findings(content), *list_warnings(content)))
@@ -108,7 +107,7 @@ def test_the_answer_is_that_of_table_1_and_of_our_search(labrig: Labrig, tmp_pat
     ] == []
     assert labrig("report", run.path).exit_code == 0
     page = (run.path / "report.html").read_text(encoding="utf-8")
-    for part in ("Rotation of two adjacent hinges", "4.12", "4.13", "3.33", "27.60 to 32.86", "grid.csv", "design.json",
+    for part in ("Rotation of two adjacent hinges", "4.12", "4.13", "3.33", "26.90 to 33.90", "grid.csv", "design.json",
                  "does not reproduce the slope with the clearance", "no cutting file"):  # fmt: skip
         assert part in page
     assert "simulated rig" not in page

@@ -121,6 +121,7 @@ def study_design(
         radius_mm=protocol.radius_mm,
         clearance_mm=protocol.clearance_mm,
         tube=tube,
+        tolerances=protocol.tolerances,
         tolerance=tolerance,
         measured=measured,
         search=search,

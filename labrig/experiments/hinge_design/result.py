@@ -6,8 +6,9 @@ from typing import Literal
 import pandas as pd
 
 from labrig.analysis.result import Result
+from labrig.experiments.hinge_design.protocol import DesignTolerances
 from labrig.needle.design_search import STEEPEST_CUT_DEG
-from labrig.needle.equations import EQUATION_3, RadiusTolerance, RotationPlane
+from labrig.needle.equations import EQUATION_3, FIT_SD, RadiusTolerance, RotationPlane
 from labrig.needle.rotation_search import GridPoint
 from labrig.needle.tube import TABLE_1
 from labrig.protocol.design_file import Basis, Tube
@@ -55,6 +56,7 @@ class DesignStudy(Model):
     clearance_mm: float
     tube: Tube
     equation_3: RotationPlane = EQUATION_3
+    tolerances: DesignTolerances
     tolerance: RadiusTolerance
     measured: MeasuredAnswer | None
     search: Searched
@@ -97,7 +99,7 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
             f"Cut at an inclination of {number(study.beta_cut_deg, 2)} degrees, with a clearance of "
             f"{study.clearance_mm:g} mm, {wanted} (equation 3 of the paper)."
         )
-        yield _tell_tolerance(study.tolerance)
+        yield _tell_range(study, study.equation_3, study.tolerance)
         yield (
             f"Two adjacent hinges turn {number(study.beta_rot_deg, 2)} degrees together. "
             + (f"There is no second answer: {search.reason}" if search.reason else _tell_contour(search))
@@ -108,7 +110,7 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
             f"{_tell_contour(search)}, {wanted} with a clearance of {study.clearance_mm:g} mm; equation (3), which "
             f"was fitted to another tube, for {number(study.beta_cut_deg, 2)} degrees."
         )
-        yield _tell_tolerance(search.tolerance)
+        yield _tell_range(study, search.fit, search.tolerance)
     else:
         yield f"There is nothing to cut {wanted}: {search.reason}."
     if study.is_table_1:
@@ -116,8 +118,7 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
             f"Table I of the paper has {TABLE_1.beta_cut_deg} degrees, where its equation (3) gives "
             f"{number(study.beta_cut_deg, 2)}; the paper does not say why."
         )
-    if study.measured is not None:
-        measured = study.measured
+    if (measured := study.measured) is not None:
         yield (
             f"Measured: a radius of {number(measured.radius_mm, 2)} mm, which is a rotation of "
             f"{number(measured.beta_rot_deg, 2)} degrees. Cut at {number(measured.beta_cut_deg, 2)} degrees, that "
@@ -127,16 +128,16 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
 
 
 def _tell_contour(search: Searched) -> str:
-    return f"Our own contour, which is not for cutting, asks for {number(search.beta_cut_deg, 2)} degrees"
+    return f"Our contour, labrig's own drawing, would take {number(search.beta_cut_deg, 2)} degrees"
 
 
-def _tell_tolerance(tolerance: RadiusTolerance) -> str:
-    """Return how the radius answers to the laser's errors."""
-    high_mm = "more" if tolerance.high_mm is None else number(tolerance.high_mm, 2)
+def _tell_range(study: DesignStudy, plane: RotationPlane, radius: RadiusTolerance) -> str:
+    """Return the worst cases of the radius, and what they allow for."""
+    high_mm, laser = "more" if radius.high_mm is None else number(radius.high_mm, 2), study.tolerances
     return (
-        f"A micrometre more of clearance makes the radius {number(-0.001 * tolerance.per_clearance, 2)} mm smaller, a "
-        f"tenth of a degree more {number(-0.1 * tolerance.per_degree_mm, 2)} mm smaller: within the tolerances of the "
-        f"laser it is {number(tolerance.low_mm, 2)} to {high_mm} mm."
+        f"The radius will be {number(radius.low_mm, 2)} to {high_mm} mm, if the laser keeps the clearance to "
+        f"{laser.clearance_mm:g} mm and the inclination to {laser.cut_deg:g} degrees, and the hinges turn as "
+        f"{study.basis} says to {number(FIT_SD * plane.rmse_deg, 2)} degrees, twice the rms residual of its fit."
     )
 
 

@@ -45,6 +45,7 @@ _QUANTITIES = {
     "true_min_clearance": "true least clearance",
     "min_clearance": "least clearance",
     "planner radius": "planned radius",
+    "out of plane heading SD": "assumed wandering out of the plane",
     "disturbances heading": "wandering of the heading",
     "disturbances out of plane": "wandering out of the plane",
     "sheath x play SD": "SD of the sheath's play out of the plane",

@@ -180,7 +180,7 @@ def compare_runs(
             *_note_shared(counted, used),
             *_note_settings(used, fields),
             *_note_repeats(used),
-            *(sentence for run in used for sentence in _note_run(run.about)),
+            *(sentence for run in used for sentence in _note_run(run)),
             *_note_groups(groups, {run.about.simulated for run in used}),
         ),
         used=tuple(run.about for run in used),
@@ -319,7 +319,7 @@ def _note_shared(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[st
     for noun, kept in (("specimen", counted["block"]), ("seed", counted["run"].map(seeds))):
         shared = int((counted.groupby(kept)["group"].nunique() > 1).sum())
         if shared and counted["group"].duplicated().any():
-            advice = " Give each protocol its own `seed:` if its gels shall be drawn independently."
+            advice = " Give each protocol its own seed if its gels shall be drawn independently."
             yield (
                 f"{format_count(shared, noun)} {'is' if shared == 1 else 'are'} in more than one group. What is common "
                 f"cancels in their difference, but these tests do not pair.{advice if noun == 'seed' else ''}"
@@ -342,8 +342,9 @@ def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]
             words = (f"{value} in {_list_some(names)}" for value, names in alike.items())
             told[key.removeprefix("analysis.")] = f"{split_key(key)[0]} ({'; '.join(words)})"
     if told:
-        sections = ", ".join(dict.fromkeys(key.partition(".")[0].replace("_", " ") for key in told))
-        many = f"{len(told)} keys of {sections}, listed on the page under What was done"
+        sections = list(dict.fromkeys(key.partition(".")[0].replace("_", " ") for key in told))
+        named = " and ".join(filter(None, (", ".join(sections[:-1]), sections[-1])))
+        many = f"{named}: the page lists them under What was done"
         yield f"The settings of the runs differ in {', '.join(told.values()) if len(told) <= _MOST_KEYS else many}."
 
 
@@ -359,12 +360,14 @@ def _note_repeats(runs: Sequence[Measured]) -> Iterable[str]:
             yield f"{_list_some(names)} are one simulation (protocol, rig, seed): one result, {len(names)} times."
 
 
-def _note_run(run: UsedRun) -> Iterable[str]:
-    yield from note_overrides(run.run, run.result, run.overrides)
-    if run.verdict in {"bad", "doubtful"}:
-        yield f"{run.run} was judged {run.verdict}."
-    if run.exit_status != "success":
-        yield f"{run.run} did not succeed ({run.exit_status}): only what it measured before its end is compared."
+def _note_run(run: Measured) -> Iterable[str]:
+    about, reason = run.about, run.run.manifest.get("reason")
+    yield from note_overrides(about.run, about.result, about.overrides)
+    if about.verdict in {"bad", "doubtful"}:
+        yield f"{about.run} was judged {about.verdict}."
+    # One that missed was measured to its end, and the page names its outcome.
+    if about.exit_status != "success" and reason not in {"target_missed", "reached_in_plane_only"}:
+        yield f"{about.run} did not succeed ({about.exit_status}): only what it measured before its end is compared."
 
 
 def _note_groups(groups: Sequence[Group], simulated: set[bool]) -> Iterable[str]:

@@ -21,7 +21,7 @@ _NO_SPECIMEN = (
     "Some pictures name no specimen. If several show insertions into the same gel, they are no independent values:"
     " intervals are then too narrow, and p too small."
 )
-_BY_SPECIMEN = "n counts specimens: each block of gel enters by the mean of its insertions."
+_BY_SPECIMEN = "n counts blocks of gel: each enters by the mean of its insertions."
 _ONE_BLOCK = (
     "n counts insertions, which share their block of gel ({}). Intervals and p speak of these blocks "
     "alone: they do not cover how much blocks of the same ratio differ. For that, measure two blocks or more of each."

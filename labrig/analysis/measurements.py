@@ -218,7 +218,8 @@ def load_runs(
         else:
             tables.append(run.list_measurements(wanted))
     if reasons:
-        warnings.warn(f"{len(reasons)} runs are left out: see attrs['left_out']", stacklevel=2)
+        named = ", ".join([*(Path(run).name for run in reasons)][:3] + ["..."] * (len(reasons) > 3))
+        warnings.warn(f"runs left out ({len(reasons)}): {named}; see attrs['left_out']", stacklevel=2)
     joined = join_measurements(tables)
     joined.attrs["left_out"] = reasons
     return joined

@@ -80,19 +80,17 @@ def _write(compared: Any, out: Path | None, measured: Sequence[Any]) -> Path:
 
 def _print(document: Mapping[str, Any]) -> None:
     quote(document["report"])
-    mean, sd, ci95, difference = (
-        f"{head} {document['unit'] or ''}".rstrip() for head in ("mean", "SD", "95 % interval", "difference")
-    )
+    unit = f" {document['unit'] or ''}".rstrip()
     groups = [
         [
             *(group[key] for key in ("name", "n", "mean", "sd")),
-            interval(group["ci95"], 3),
-            interval(group["ci95_with_shared"], 3),
+            *(interval(group[key], 3) for key in ("ci95", "ci95_with_shared")),
         ]
         for group in document["groups"]
     ]
     if any(group["n"] > 1 for group in document["groups"]):
-        print_table(("group", "n", mean, sd, ci95, "with shared errors"), groups)
+        ci95 = f"95 % interval{unit}"
+        print_table(("group", "n", f"mean{unit}", f"SD{unit}", ci95, "with shared errors"), groups)
     pairs = [
         [
             f"{pair['a']} - {pair['b']}",
@@ -103,7 +101,8 @@ def _print(document: Mapping[str, Any]) -> None:
         for pair in document["pairs"]
     ]
     if len(pairs) > 1:  # the headline tells a single one
-        print_table(("pair", difference, ci95, "p"), pairs)
+        ci95 = f"95 % interval{unit}, all {len(pairs)} pairs together"
+        print_table(("pair", f"difference{unit}", ci95, "p"), pairs)
     for sentence in document["warnings"]:
         say(f"note: {sentence}")
     print_line(f"report  {document['report']}")

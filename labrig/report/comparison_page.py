@@ -1,6 +1,6 @@
 """The page, the figure and the tables of a comparison, in a folder of their own."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from labrig.analysis.comparison import ComparedRuns, Comparison, Group
 from labrig.analysis.engine import describe_installation
+from labrig.analysis.groups import Unit
 from labrig.analysis.measurements import Measured
 from labrig.durable import write_atomically
 from labrig.record.difference import list_conditions
@@ -47,28 +48,23 @@ def write_comparison(
     """
     content, table = compared.comparison, compared.table
     first = ["group", "block", "value"]
-    others = [name for name in table.columns if name not in first and not str(name).startswith("by_")]
-    tidy = table[[*first, *others]]
+    tidy = table[[*first, *table.columns.drop(first)]]
     write_atomically(folder / TABLE_FILES[0], encode_csv(tidy))
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
     write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
-    is_drawn = len(content.groups) <= MOST_GROUPS
-    readings = {group.name: _find_reading_sd(group, content.quantity, table) for group in content.groups}
-    figure = draw_groups(content, table, readings) if is_drawn else None
+    ends = _name_ends(content.quantity, table)
+    figure = draw_groups(content, table, ends) if len(content.groups) <= MOST_GROUPS else None
     if figure is not None:
         write_figure(folder, figure)
-    widths = [(0.0, 2.0 * sd) for sd in readings.values() if sd is not None]
-    decimals = count_decimals(
-        (*(group.ci95 for group in content.groups), *widths), (group.mean for group in content.groups)
-    )
+    decimals = count_decimals([each.ci95 for each in content.groups], [each.mean for each in content.groups])
     used = {run.name: run.run for run in measured if run.about in content.used}
     shown = {
         "content": content,
         "quantity": split_quantity(content.quantity)[0],
-        "colours": [mark(place).colour for place in range(len(content.groups))] if is_drawn else [],
+        "colours": [mark(place).colour for place in range(len(content.groups))] if figure else [],
         "figure": figure,
-        "readings": readings,
+        "ends": ends,
         "decimals": max(2, decimals),
         "runs": used,
         "conditions": [*list_conditions(*used.values())],
@@ -85,57 +81,65 @@ def write_comparison(
     write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)
 
 
-def draw_groups(
-    comparison: Comparison, table: pd.DataFrame, readings: Mapping[str, float | None]
-) -> DrawnFigure:
-    """Draw every measurement and the mean of each group, or a single value with the SD of its reading."""
-    groups = comparison.groups
+def draw_groups(comparison: Comparison, table: pd.DataFrame, ends: tuple[str, str] | None) -> DrawnFigure:
+    """Draw the mean of each group and its measurements; in space, and of one alone, the interval of each."""
+    groups, in_space = comparison.groups, ends is not None and ends[0].startswith("target_error")
+    rows = table[table["value"].notna() & table["group"].notna()]
+    rows = rows.assign(true=rows.get("true_target_error_mm", np.nan))
+    alone = rows if in_space else rows[~rows["group"].duplicated(keep=False)]
+    parts = [rows[rows["group"] == group.name] for group in groups]
+    lines = np.array([max(1, len(part)) if in_space else 1 for part in parts])
+    places = (np.cumsum(lines) - (lines + 1) / 2.0).tolist()
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 1.1 + 0.52 * len(groups)), layout="constrained")
+        height_in = 1.1 + max(0.52 * len(groups), 0.26 * min(lines.sum(), MOST_GROUPS))
+        figure = Figure(figsize=(9.6, height_in), layout="constrained")
         axes = figure.subplots()
-        intervals = [ends for group in groups for ends in (group.ci95, group.ci95_with_shared)]
-        single = [(group.mean, sd) for group in groups if (sd := readings[group.name]) is not None]
-        ends = [mean + sign * sd for mean, sd in single if mean is not None for sign in (-1.0, 1.0)]
-        axes.set_xlim(choose_limits([*table["value"].dropna(), *ends], intervals))
+        shown = [*alone[[*(ends or ())]].stack(), *rows["true" if in_space else "value"].dropna()]
+        intervals = [] if in_space else [limits for g in groups for limits in (g.ci95, g.ci95_with_shared)]
+        axes.set_xlim(choose_limits(shown, intervals))
         if "error" in comparison.quantity:
             axes.set_xlim(left=0.0)  # the distance from a target is never negative
-        for place, group in enumerate(groups):
-            rows = table[(table["group"] == group.name) & table["value"].notna()]
-            blocks = (
-                rows.groupby("block")["value"].mean() if comparison.unit_of_analysis == "specimen" else ()
-            )
-            _draw_group(axes, place, group, rows["value"] if len(rows) > 1 else rows["value"][:0], blocks)
-            if group.mean is not None and (sd := readings[group.name]) is not None:
-                axes.errorbar(group.mean, place, xerr=sd, fmt="none", color=mark(place).colour, capsize=3.5)
-        names = [name if len(name) <= 32 else f"{name[:29]}..." for name in (group.name for group in groups)]
-        axes.set_yticks(range(len(groups)), names)
-        axes.set_ylim(len(groups) - 0.5, -0.6)
-        axes.set_xlabel(label_key(comparison.quantity))
+        for number, (group, part) in enumerate(zip(groups, parts, strict=True)):
+            if not in_space:
+                _draw_group(axes, number, group, part, comparison.unit_of_analysis)
+            if ends is not None and (in_space or len(part) == 1):
+                _draw_readings(axes, places[number], part, ends, mark(number).colour)
+        axes.set_yticks(places, [f"{group.name[:32]}\nn = {group.n}" for group in groups])
+        axes.set_ylim(lines.sum() - 0.5, -0.6)
+        axes.set_xlabel(label_key(comparison.quantity).replace(" (", " in space (" if in_space else " ("))
         axes.grid(visible=True, axis="x")
         return svg(figure, "groups")
 
 
-def _find_reading_sd(group: Group, quantity: str, table: pd.DataFrame) -> float | None:
-    """Return the standard deviation of the reading of a group of one; None of several, or where it is not known."""
-    column = f"sigma_{quantity.rpartition('.')[2]}"
-    rows = table[(table["group"] == group.name) & table["value"].notna()]
-    known = rows[column].dropna().tolist() if column in rows and len(rows) == 1 else []
-    return float(known[0]) if known else None
+def _name_ends(quantity: str, table: pd.DataFrame) -> tuple[str, str] | None:
+    """Return the columns of the 95 % interval of each measurement; None without them."""
+    stem, _, unit = quantity.rpartition(".")[2].rpartition("_")
+    found = [(f"{stem}_{kind}low_{unit}", f"{stem}_{kind}high_{unit}") for kind in ("", "ci95_")]
+    return next((ends for ends in found if ends[0] in table), None)
 
 
-def _draw_group(
-    axes: Axes, place: int, group: Group, values: "pd.Series[float]", blocks: "pd.Series[float] | tuple[()]"
-) -> None:
+def _draw_readings(axes: Axes, place: float, rows: pd.DataFrame, ends: tuple[str, str], colour: str) -> None:
+    """Draw the intervals of measurements below each other about a place, and upright their true values."""
+    lines = place + np.arange(len(rows)) - (len(rows) - 1) / 2.0
+    for (low, high), line in zip(rows[[*ends]].to_numpy(float).tolist(), lines.tolist(), strict=True):
+        if np.isfinite(low):
+            draw_interval(axes, (low, high), line, colour, width=2.4)
+    axes.plot(rows["true"], lines, "|k", markersize=15, markeredgewidth=2.2)
+
+
+def _draw_group(axes: Axes, place: int, group: Group, rows: pd.DataFrame, unit: Unit) -> None:
     """Draw measurements as dots, the means of blocks as rings, and the mean of the group with both intervals."""
-    look = mark(place)
+    look, values = mark(place), rows["value"].tolist() if len(rows) > 1 else []
     # Spread in a fixed pattern, so that equal values do not cover each other.
     up = place - 0.25 + 0.035 * (np.arange(len(values)) % 5 - 2)
     dots = axes.plot(
-        values, up, look.marker, color=look.colour, markersize=3.6, alpha=0.55, markeredgewidth=0
+        values, up, look.marker, color=look.colour, markersize=4.2, alpha=0.85, markeredgewidth=0
     )
     dots[0].set_rasterized(len(values) > _MOST_VECTORS)
-    rings = np.full(len(blocks), place - 0.12)
-    axes.plot(blocks, rings, "o", color=look.colour, markersize=6, fillstyle="none")
+    if unit == "specimen":
+        blocks = rows.groupby("block")["value"].mean()
+        rings = np.full(len(blocks), place - 0.12)
+        axes.plot(blocks, rings, "o", color=look.colour, markersize=6, fillstyle="none")
     if group.mean is not None:
         for ends, width in ((group.ci95_with_shared, 1.0), (group.ci95, 2.4)):
             if ends is not None:

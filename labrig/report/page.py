@@ -185,8 +185,8 @@ def _bind_units(page: Markup) -> Markup:
 
 def _select_said(words: Iterable[tuple[str, str]], page: Markup) -> list[tuple[str, str]]:
     """Return the words, with their meanings, that stand in the text of a page."""
-    # Safe: a space is all that is added, so that a unit under a head does not join it.
-    text = Markup(str(page).replace("<span", " <span")).striptags().replace("\u00a0", " ")  # noqa: S704
+    # Safe: a stroke is all that is added, so that no word begins in one cell and ends in the next.
+    text = Markup(str(page).replace("<", " / <")).striptags().replace("\u00a0", " ")  # noqa: S704
     pattern = {word: re.sub("y$", "(y|ie)", re.escape(word)) for word, _ in words}
     return [each for each in words if re.search(rf"\b{pattern[each[0]]}s?\b", text, re.IGNORECASE)]
 

@@ -185,7 +185,7 @@ def test_load_runs_gives_the_measurements_as_one_table(tmp_path):
     write_measured_run(tmp_path, "a", {SOFT: (28.0, None)})
     write_measured_run(tmp_path, "b", {HARD: (27.0,)}, needle_id="N2")
     empty = write_measured_run(tmp_path, "c", {SOFT: (28.0,)}, result=False)
-    with pytest.warns(UserWarning, match="1 runs are left out"):
+    with pytest.warns(UserWarning, match=r"runs left out \(1\): c; see"):
         table = load_runs(runs_dir=tmp_path)
     assert list(table["radius_mm"].fillna(-1).groupby(table["run"]).sum()) == [27.0, 27.0]
     started = list(table.loc[table["run"] == "a", "started"])

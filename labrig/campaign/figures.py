@@ -12,8 +12,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import BROKEN_OFF, WITHOUT_VALUE, ArmResult, find_failing, read_values
+from labrig.campaign.statistics import (
+    BROKEN_OFF,
+    WITHOUT_VALUE,
+    ArmResult,
+    find_failing,
+    find_false_successes,
+    read_values,
+)
 from labrig.protocol.model import Interval
+from labrig.protocol.sections import Criterion
 from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg
 from labrig.report.formatting import label_key, name_settings
 from labrig.report.palette import Mark, mark
@@ -29,7 +37,7 @@ _SHARES = LinearSegmentedColormap.from_list("shares", ("#ffffff", "#56b4e9"))
 _SIGNS = {"missed": "x", BROKEN_OFF: "^", WITHOUT_VALUE: "s"}
 _SIGN: dict[str, Any] = {"color": "#b02a00", "mfc": "white", "ms": 8, "mew": 1.8, "clip_on": False, "ls": ""}
 _APART = 0.22
-"""Of rows: the median stands above the mean and the values below it, not on it."""
+"""Of rows: the values stand below the mean, and the number within the tolerance above its share."""
 
 
 def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None:
@@ -57,7 +65,6 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         axes[0].set_xlabel(label_key(result.measure))
         if result.tolerance is not None:
             axes[0].axvline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
-            axes[1].tick_params(labelleft=True)  # below one another, each panel needs its own names
             axes[1].set_xlabel(f"share within {tell_value(result.tolerance, result.measure)} (%)")
         if result.pairs:
             _draw_pairs(axes[-1], result)
@@ -76,21 +83,22 @@ def _draw_pairs(axes: Axes, result: CampaignResult) -> None:
     axes.axvline(0.0, color="#555555", linewidth=1.0)
     for place, pair, mean in known:
         _draw_interval(axes, place, mark(place), mean, pair.ci95)
-    axes.tick_params(labelleft=True)
     unit = split_quantity(result.measure)[1]
-    axes.set_xlabel(f"difference from\nthe first arm{f' ({unit})' if unit else ''}")
+    axes.set_xlabel(f"difference from\n{_shorten(result.arms[0].name)}{f' ({unit})' if unit else ''}")
 
 
 def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult, values: Sequence[float]) -> None:
     look, below, many = mark(place), [place + _APART] * len(values), len(values) > _MOST_VECTORS
     axes[0].plot(values, below, ".", color=look.colour, markersize=5, alpha=0.5, rasterized=many)
-    if arm.mean is not None and arm.median is not None:
-        above = place - _APART
-        axes[0].plot(arm.median, above, look.marker, color=look.colour, markersize=6, fillstyle="none")
+    if arm.mean is not None:
         _draw_interval(axes[0], place, look, arm.mean, arm.ci95)
     if len(axes) > 1 and arm.share is not None:
         share_ci95 = arm.share_ci95 and (100 * arm.share_ci95[0], 100 * arm.share_ci95[1])
         _draw_interval(axes[1], place, look, 100 * arm.share, share_ci95)
+        words = f"{arm.within_tolerance} of {arm.tasks - arm.failed}"
+        axes[1].text(
+            100 * arm.share, place - _APART / 2, words, size=8, ha=("left", "right")[arm.share > 0.5]
+        )
 
 
 def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Interval | None) -> None:
@@ -104,7 +112,7 @@ def draw_over_points(
 ) -> DrawnFigure | None:
     """Draw the measure over sampled keys, point by point, with median and quartiles of each part of the range.
 
-    Tasks that failed outright are on the upper edge.
+    Tasks that failed outright are on the upper edge; those that were wrongly called a success are ringed.
     """
     sound = table[table["error"].isna()]
     known = sound[~np.isnan(read_values(sound, result.measure))]
@@ -115,12 +123,15 @@ def draw_over_points(
         rows = (len(shown) + 2) // 3
         figure = Figure(figsize=(9.6, 0.4 + 2.8 * rows), layout="constrained")
         panels = figure.subplots(rows, min(3, len(shown)), squeeze=False).ravel()
+        false = find_false_successes(sound, Criterion(result.measure, result.tolerance))
         for panel, key in zip(panels, shown, strict=False):
             _draw_points(panel, known, key, result)
             for end, failing in find_failing(sound, result.measure).items():
                 # A line without a point has no box: the layout collapses.
                 signs = {"transform": panel.get_xaxis_transform(), "in_layout": failing.any(), **_SIGN}
                 panel.plot(sound.loc[failing, key], np.ones(int(failing.sum())), _SIGNS[end], **signs)
+            ring = {**_SIGN, "mfc": "none", "in_layout": false.any()}
+            panel.plot(sound.loc[false, key], sound.loc[false, result.measure], "o", **ring)
         for panel in panels[len(shown) :]:
             panel.remove()
         return svg(figure, name)
@@ -148,7 +159,7 @@ def draw_map(
     circles: Sequence[tuple[float, float, float]],
     name: str,
 ) -> DrawnFigure:
-    """Draw where two sampled keys led within the tolerance: the share in each field, and every point by how it ended.
+    """Draw where two sampled keys led within the tolerance: its share in each area, and every point by how it ended.
 
     Parameters
     ----------
@@ -157,7 +168,7 @@ def draw_map(
     ranges : mapping
         The keys of the horizontal and of the vertical axis, and the range of each.
     circles : sequence of tuple
-        Centre and radius of each, such as an obstacle, in the units of the axes; drawn on top, in equal scales.
+        Centre and radius of each obstacle, in the units of the axes; drawn on top, in equal scales.
     """
     x, y = (table[key].to_numpy(np.float64) for key in ranges)
     values = read_values(table, result.measure)
@@ -171,7 +182,7 @@ def draw_map(
         share = np.ma.masked_where(counts == 0, hits / np.maximum(counts, 1.0)).T
         mesh = axes.pcolormesh(x_edges, y_edges, share, cmap=_SHARES, vmin=0, vmax=1, rasterized=True)
         many = len(x) > _MOST_VECTORS
-        axes.plot(x[reached], y[reached], ".", color="#00507d", markersize=3, rasterized=many, clip_on=False)
+        axes.plot(x[reached], y[reached], ".", color="#00507d", markersize=4, rasterized=many, clip_on=False)
         for across, up, radius in circles:
             axes.add_patch(Circle((across, up), radius, facecolor="#c8c8c8", edgecolor="#888888"))
         missed = values > (result.tolerance or 0.0)
@@ -179,6 +190,7 @@ def draw_map(
             axes.plot(x[rows], y[rows], _SIGNS[end], **_SIGN, zorder=3)
         if circles:
             axes.set_aspect("equal")
+            axes.plot(0, 0, ">k", markersize=9)  # where the needle goes in
         along, upwards = map(label_key, ranges)
         axes.set(xlabel=along, ylabel=upwards)
         label = f"share within {tell_value(result.tolerance, result.measure)}"

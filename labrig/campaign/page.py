@@ -1,7 +1,6 @@
 """The page of a campaign, its result as a document, and its figures, in the campaign's folder."""
 
 import math
-from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from labrig.durable import write_atomically
 from labrig.record.difference import find_differences
 from labrig.record.json_lines import encode_document
 from labrig.report.figures import write_figure
-from labrig.report.formatting import count_decimals, label_key, name_settings, number, signed
+from labrig.report.formatting import count_decimals, name_settings
 from labrig.report.page import REPORT_FILE, tell_writing
 from labrig.report.page import write_page as write_document
 from labrig.steering.parameters import SECTIONS
@@ -51,7 +50,6 @@ def write_page(
         if len(ranges) == 2 and result.tolerance is not None and len(rows := sound[sound["arm"] == arm.name])
     ]
     write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
-    bounded = {pair: pair.ci95 for pair in result.pairs if pair.ci95 is not None}
     # What none of them exceeds by chance, with a probability of 95 %.
     ranks, n = result.rank_correlations, result.done - result.failed
     chance = float(ndtri(1.0 - 0.025 / max(1, sum(map(len, ranks.values()))))) / math.sqrt(max(1, n - 1))
@@ -65,15 +63,16 @@ def write_page(
     for figure in (arms := draw_arms(result, table), front, points, *dict(maps).values()):
         if figure is not None:
             write_figure(folder, figure)
+    known = [arm for arm in result.arms if arm.mean is not None]
     shown = {
         "content": result,
-        "measure": label_key(result.measure),
         "quantity": split_quantity(result.measure),
+        # As the narrowest interval of a mean deserves.
+        "decimals": max(2, count_decimals([arm.ci95 for arm in known], [arm.mean for arm in known], 6)),
         "chance": chance,
         "clear": clear,
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
-        "bounded": bounded,
-        "apart": [pair for pair, (low, high) in bounded.items() if not low <= 0.0 <= high],
+        "circles": circles,
         "loaded": loaded,
         "differing": [*find_differences(*(arm.describe() for arm in loaded.arms[:_MOST_COLUMNS]))],
         "arms_figure": arms,
@@ -81,23 +80,8 @@ def write_page(
         "points_figure": points,
         "sections": SECTIONS,
         "maps": maps,
-        "circles": circles,
         "written": tell_writing(created),
     }
     page, template = folder / REPORT_FILE, Path(__file__).with_name("page.html.jinja")
-    write_document(page, template, shown, _make_filters(result))
+    write_document(page, template, shown, {"words": name_settings, "with_key_unit": tell_value})
     return page
-
-
-def _make_filters(result: CampaignResult) -> dict[str, Callable[..., str]]:
-    """Return how numbers and keys are written on the page."""
-    # As many decimals as the narrowest interval of a mean deserves.
-    decimals = max(2, count_decimals((arm.ci95 for arm in result.arms), (arm.mean for arm in result.arms), 6))
-    return {
-        "digits": lambda value: number(value, decimals),
-        "plus": lambda value: signed(value, decimals),
-        "with_unit": lambda value: tell_value(value, result.measure),
-        "words": name_settings,
-        "with_key_unit": tell_value,
-        "percent": lambda value: "–" if value is None else f"{100 * value:.1f}",
-    }

@@ -22,7 +22,7 @@ _WORST = 5
 
 
 class WorstCase(Model):
-    """A task of the largest values, or without any, and the command that makes it again as a run with pictures.
+    """A task that failed, or of the largest values, and the command that makes it again as a run with pictures.
 
     One that was broken off has what was left of its way.
     """
@@ -105,12 +105,13 @@ def make_result(
 
 
 def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase, ...]:
-    """Return the tasks that were wrongly called a success, those with the largest values, then those without any."""
+    """Return the tasks that were wrongly called a success, then others that failed, then others; the largest first."""
     measure, sound = loaded.by.quantity, table[table["error"].isna()]
     if measure not in table.columns:
         return ()
-    rated = sound.assign(end=name_ends(sound), false=find_false_successes(sound, loaded.by))
-    ordered = rated.sort_values(["false", measure, "task"], ascending=[False, False, True])
+    ends = name_ends(sound)
+    rated = sound.assign(end=ends, bad=2 * find_false_successes(sound, loaded.by) + (ends != "success"))
+    ordered = rated.sort_values(["bad", measure, "task"], ascending=[False, False, True])
     return tuple(
         WorstCase(
             task=row["task"],

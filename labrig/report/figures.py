@@ -88,11 +88,15 @@ def svg(figure: Figure, name: str) -> DrawnFigure:
         tall_in *= min(1.0, columns * _NARROW_IN / width_in)
     figure.set_size_inches(_NARROW_IN, tall_in)
     column = figure.add_gridspec(len(panels), 1)
+    # Beside one another panels may share the names of their rows, and below one another each needs them.
+    named = {axes: axes.yaxis.get_tick_params().get("labelleft", True) for axes in panels}
     for row, axes in enumerate(panels):
         axes.set_subplotspec(column[row])
+        axes.tick_params(labelleft=True)
     narrow = _draw(figure)
     for axes, place in panels.items():
         axes.set_subplotspec(place)
+        axes.tick_params(labelleft=named[axes])
     figure.set_size_inches(width_in, height_in)
     told = _name_panels(figure)
     # Safe: drawn here from numbers and from text that matplotlib escapes.

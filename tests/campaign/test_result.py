@@ -45,16 +45,16 @@ def found(loaded: LoadedCampaign, law: Law) -> tuple[CampaignResult, pd.DataFram
 
 
 def test_the_worst_cases_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:
-    """The largest first, then those without a value; with every changed key, quoted for a shell, and the seed."""
+    """Failures first, then the largest; with every changed key, quoted for a shell, and the seed."""
     keys = {"vary": {"policy.replan_every_mm": [5, 10]}, "set": {"policy.near_mm": 0}, "repetitions": 3}
     loaded = load(write_campaign(tmp_path, **keys))
     without = loaded.find_task(2).seed
     result, table = found(loaded, lambda task: None if task.seed == without else task.seed % 100 / 50.0)
-    *valued, last = result.worst
-    assert (last.value, last.task) == (None, 2)
-    assert [case.value for case in valued] == sorted(table["true_target_error_mm"].dropna(), reverse=True)
-    assert last.command[:3] == ("labrig", "run", str(loaded.base))
-    assert last.command[-6:] == (
+    first, second, *valued = result.worst
+    assert [(case.value, case.task) for case in (first, second)] == [(None, 2), (None, 3)]
+    assert [case.value for case in valued] == sorted(table["true_target_error_mm"].dropna(), reverse=True)[:3]
+    assert first.command[:3] == ("labrig", "run", str(loaded.base))
+    assert first.command[-6:] == (
         "--seed", str(without), "--set", "policy.near_mm=0", "--set", "policy.replan_every_mm=5"
     )  # fmt: skip
     table.loc[table["true_target_error_mm"].idxmax(), "exit_status"] = "failed"

@@ -62,7 +62,7 @@ _NARROW_IN = 4.4
 _GREY = "#333333"
 _DESIGN_LINE: dict[str, Any] = {"color": DESIGN, "linewidth": 1.4, "linestyle": (0, (4, 2.5))}
 _MEAN: dict[str, Any] = {"markersize": 6, "capsize": 3.5, "linewidth": 1.5}
-_SD: dict[str, Any] = {"fmt": "none", "elinewidth": 6.0, "alpha": 0.22}
+_SD: dict[str, Any] = {"fmt": "none", "elinewidth": 6.0, "alpha": 0.4}
 _DRAWN: dict[str, Any] = {"fmt": "none", "color": "black", "elinewidth": 1.6}
 _CLEAR: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
 """Behind words that stand on a line."""
@@ -252,16 +252,16 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
         look: dict[str, Any] = {
             "color": gel.mark.colour,
             "markersize": 4.2,
-            "alpha": 0.6,
+            "alpha": 0.8,
             "markeredgewidth": 0,
         }
         axes.plot(sideways, gel.radii_mm, gel.mark.marker, **look)
         mean_mm, sd_mm, drawn_mm = np.array([gel.mean_mm, gel.sd_mm, gel.drawn_mean_mm], dtype=np.float64)
         axes.errorbar(place + 0.24, mean_mm, sd_mm, ecolor=gel.mark.colour, **_SD)
-        axes.errorbar(place + 0.15, drawn_mm, xerr=0.05, **_DRAWN)
+        axes.errorbar(place + 0.13, drawn_mm, xerr=0.05, **_DRAWN)
         if gel.paper_mm is not None:
             # Dashed: it is no interval of a mean.
-            axes.errorbar(place + 0.32, *gel.paper_mm, **_PAPER)[2][0].set_linestyle((0, (2, 1.5)))
+            axes.errorbar(place + 0.36, *gel.paper_mm, **_PAPER)[2][0].set_linestyle((0, (2, 1.5)))
     axes.set_ymargin(0.2)
     axes.autoscale_view()
     axes.set_ylim(choose_limits(axes.get_ylim(), [gel.ci95_mm for gel in series]))

@@ -135,9 +135,9 @@ def _tell_range(study: DesignStudy, plane: RotationPlane, radius: RadiusToleranc
     """Return the worst cases of the radius, and what they allow for."""
     high_mm, laser = "more" if radius.high_mm is None else number(radius.high_mm, 2), study.tolerances
     return (
-        f"The radius will be {number(radius.low_mm, 2)} to {high_mm} mm, if the laser keeps the clearance to "
-        f"{laser.clearance_mm:g} mm and the inclination to {laser.cut_deg:g} degrees, and the hinges turn as "
-        f"{study.basis} says to {number(FIT_SD * plane.rmse_deg, 2)} degrees, twice the rms residual of its fit."
+        f"The radius will be {number(radius.low_mm, 2)} to {high_mm} mm, if the laser keeps the clearance to ± "
+        f"{laser.clearance_mm:g} mm and the inclination to ± {laser.cut_deg:g} degrees, and the hinges turn as "
+        f"{study.basis} says to ± {number(FIT_SD * plane.rmse_deg, 2)} degrees, twice the rms residual of its fit."
     )
 
 

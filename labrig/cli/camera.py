@@ -91,7 +91,7 @@ def _show(pictures: Iterator[ShownPicture]) -> list[ShownPicture]:
     """Show pictures in a browser to their end; return the last."""
     clock, last = SystemClock(), []
     with closing(PicturePage()) as page:
-        say(f"open {page.url}\nfrom another computer first: {suggest_forwarding(page.port)}")
+        say(f"open {page.url}\n{suggest_forwarding(page.port)}")
         for picture in pictures:
             last = [picture]
             page.show(picture)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 from labrig.cli.options import ProtocolArgument, RigOption, SeedOption, SetOption, find_runs_dir
 from labrig.cli.output import (
@@ -32,29 +33,36 @@ def check(
     except FileFormatError as error:
         say_failure(error)
         problems = [asdict(problem) for problem in error.problems]
-        unknown = dict.fromkeys(("duration_s", "disk_bytes"))
-        print_json({"ok": False, "problems": problems, **unknown, "plugins": faults})
+        print_json(
+            {"ok": False, "problems": problems, "duration_s": None, "disk_bytes": None, "plugins": faults}
+        )
         return error.exit_code
-    if found.rig_name is not None:
+    if found.rig is not None:
         faults += _report(find_plugin_faults(DRIVES, CAMERAS))
     print_json({**found.document(), "plugins": faults})
     print_problems(found.problems)
     print_problems(found.warnings, "warning: ")
-    takes, place = duration(found.plan.duration_s), f" on rig {found.rig_name}" if found.rig_name else ""
-    figures = (
-        f": {takes} of motion, {format_count(found.plan.operator_steps, 'operator step')}, "
-        f"{format_count(found.plan.pictures, 'picture')}, {found.disk_bytes / 1e6:.0f} MB"
-        if place
-        else f"; it moves nothing, and computes about {takes} on two processors"
-    )
+    place = f" on rig {found.rig.name}" if found.rig else ""
     # A dry run that was refused has not come to its end.
-    print_line(f"{protocol} can run{place}{figures}" if found.ok else f"{protocol} cannot run{place}")
+    needs = f" can run{place}{_tell_needs(found.plan, found.rig, found.disk_bytes)}"
+    print_line(f"{protocol}{needs}" if found.ok else f"{protocol} cannot run{place}")
     for age in found.calibration:
         print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))
     print_line(f"not checked here: {', '.join(found.left_to_run)}")
     if found.problems:
         say_page(found.problems)
     return 0 if found.ok else 1
+
+
+def _tell_needs(plan: Any, rig: Any, disk_bytes: int) -> str:
+    """Return what a run takes: on a simulated rig that asks nobody, less time than its motion."""
+    if rig is None:
+        return f"; it moves nothing, and computes about {duration(plan.duration_s)} on two processors"
+    motion = f"{duration(plan.duration_s)} of motion, {format_count(plan.operator_steps, 'question')}"
+    held = f"{format_count(plan.pictures, 'picture')}, {disk_bytes / 1e6:.0f} MB"
+    # The examples on two processors take so long, to a factor of two.
+    simulated = f"about {duration(10 + 0.12 * plan.pictures)}, no question"
+    return f": {motion}, {held}" if rig.asks_person else f": {simulated}, {held}; on a bench {motion}"
 
 
 def _report(faults: Sequence[InputError]) -> list[dict[str, object]]:

@@ -82,20 +82,15 @@ def _print(document: Mapping[str, Any]) -> None:
     quote(document["report"])
     unit = f" {document['unit'] or ''}".rstrip()
     groups = [
-        [
-            *(group[key] for key in ("name", "n", "mean", "sd")),
-            *(interval(group[key], 3) for key in ("ci95", "ci95_with_shared")),
-        ]
-        for group in document["groups"]
+        [*map(group.get, ("name", "n", "mean", "sd")), _tell_interval(group)] for group in document["groups"]
     ]
     if any(group["n"] > 1 for group in document["groups"]):
-        ci95 = f"95 % interval{unit}"
-        print_table(("group", "n", f"mean{unit}", f"SD{unit}", ci95, "with shared errors"), groups)
+        print_table(("group", "n", f"mean{unit}", f"SD{unit}", f"95 % interval{unit}"), groups)
     pairs = [
         [
             f"{pair['a']} - {pair['b']}",
             pair["difference"],
-            interval(pair["ci95_with_shared"] or pair["ci95"], 3),
+            _tell_interval(pair),
             None if pair["p"] is None else f"{pair['p']:.4g}",
         ]
         for pair in document["pairs"]
@@ -106,3 +101,8 @@ def _print(document: Mapping[str, Any]) -> None:
     for sentence in document["warnings"]:
         say(f"note: {sentence}")
     print_line(f"report  {document['report']}")
+
+
+def _tell_interval(row: Mapping[str, Any]) -> str:
+    """Return the interval that holds the errors that all measurements share, too, if they are known."""
+    return interval(row["ci95_with_shared"] or row["ci95"], 3)

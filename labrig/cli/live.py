@@ -7,7 +7,7 @@ from pathlib import Path
 from threading import Event, Thread
 
 from labrig.cli.options import LiveKind
-from labrig.cli.output import say
+from labrig.cli.output import COMMAND, say
 from labrig.cli.signals import Interruption
 
 # What has not been shown by then is left out.
@@ -54,16 +54,14 @@ class Follower:
 
     def finish(self, within_s: float = _SHOWN_WITHIN_S) -> None:
         """Wait until the ended run is shown, but not for long, and report a process that failed."""
-        problem = ""
+        problem = "it was ended before all was shown"
         try:
-            self._listener.join(within_s)
-            if self._listener.is_alive():
-                problem = "it was ended before all was shown"
-            elif status := self._process.wait(_ENDS_WITHIN_S):
-                problem = f"it ended with status {status}"
-        except Interruption:
             # Whoever interrupts here is tired of waiting. How the run ended is still to be told.
-            problem = "it was ended before all was shown"
+            with suppress(Interruption):
+                self._listener.join(within_s)
+                if not self._listener.is_alive():
+                    status = self._process.wait(_ENDS_WITHIN_S)
+                    problem = f"it ended with status {status}" if status else ""
         except subprocess.TimeoutExpired:
             return  # a browser shows it
         self.close()
@@ -91,6 +89,6 @@ class Follower:
         assert self._process.stdout is not None
         with self._process.stdout as said:
             for line in said:
-                say(f"live view: {line.rstrip()}")
+                say(line.rstrip() if line.startswith(COMMAND) else f"live view: {line.rstrip()}")
                 self._told.set()
         self._told.set()

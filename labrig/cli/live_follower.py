@@ -61,8 +61,7 @@ def _tell_where(viewer: RunningViewer) -> None:
     if viewer.kind == "window":
         _tell("the run is shown in a window of its own")
         return
-    forward = suggest_forwarding(viewer.port, viewer.web_port)
-    _tell(f"open {viewer.page}\nfrom another computer first: {forward}")
+    _tell(f"open {viewer.page}\n{suggest_forwarding(viewer.port, viewer.web_port)}")
     if has_display(os.environ):
         webbrowser.open(viewer.page)
 

@@ -100,6 +100,8 @@ PAGES_OF_FILES = (
 )
 """A pattern of a file's place, and the page that tells of it; of the others `protocol` does."""
 
+COMMAND = ("labrig ", "ssh ")
+"""How a line begins that a person copies: it is not wrapped."""
 _UNKNOWN = "-"
 _LEAST_COLUMNS = 20
 _NUMBER = (int, float, NoneType)
@@ -157,7 +159,7 @@ def _wrap(text: str, stream: IO[str], indent: int) -> str:
         break_long_words=False,
         break_on_hyphens=False,
     )
-    return "\n".join(map(wrapper.fill, text.split("\n")))
+    return "\n".join(line if line.startswith(COMMAND) else wrapper.fill(line) for line in text.split("\n"))
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:

@@ -1,7 +1,7 @@
 """`labrig reanalyze`: measures runs again and prints the new numbers beside the old ones."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
@@ -96,7 +96,7 @@ def _show(path: Path, outcome: Any) -> Row:
         for name, value in now.items()
         if name in of_the_run or before.get(name, value) != value
     ]
-    print_table(("", "old", "new"), rows)
+    _print_values(rows, path.name)
     row: dict[str, object] = {"analysis": str(outcome.path), "reason": _find_missing_needle(new)}
     row |= {"parent": new["parent"], "verdict": None, "first_difference": None, "largest": {}}
     if old is not None:
@@ -110,8 +110,16 @@ def _show(path: Path, outcome: Any) -> Row:
             print_line(f"other settings, other numbers{'' if frame is None else f', the first {place}'}")
         row |= {"verdict": str(found.verdict), "largest": found.largest}
         row["first_difference"] = None if first is None else {**asdict(first), "frame": frame}
-    say(f"compare and export take the new result from now on; labrig report {path.name} writes its page")
+    say(f"compare and export take the new result from now on; to write its page:\nlabrig report {path.name}")
     return add_damage(row, new["damage"])
+
+
+def _print_values(rows: Sequence[Sequence[object]], run: str) -> None:
+    """Print old and new numbers, or in place of dashes that there are none."""
+    if any(any(values) for _, *values in rows):
+        print_table(("", "old", "new"), rows)
+    else:
+        print_line(f"no trial of this run has a value; what happened in it:\nlabrig runs show {run}")
 
 
 def _find_missing_needle(document: Mapping[str, Any]) -> str | None:

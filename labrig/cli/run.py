@@ -40,7 +40,7 @@ def run(
 
         require_free_name(chosen.path, run_name)
     if runs_dir is None:  # before the other imports, which take a second
-        say(f"running {protocol}; the record goes to {chosen.path}, {chosen.reason}")
+        say(f"reading {protocol}; the record will go to {chosen.path}, {chosen.reason}")
     from labrig.cli.attendant import TerminalAttendant
     from labrig.library.door import make_run
     from labrig.library.sources import Sources

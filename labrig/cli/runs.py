@@ -48,7 +48,7 @@ def _print_runs(listed: Sequence[Any]) -> None:
             summary.run.name,
             summary.exit_status,
             f"{summary.trials_done} of {summary.trials_planned}" if summary.trials_planned else None,
-            ", ".join(filter(None, _tell_about(summary))) or None,
+            ", ".join(filter(None, _tell_about(summary))),
         )
         for summary in listed
     ]
@@ -59,7 +59,7 @@ def _tell_about(summary: Any) -> Iterator[str | None]:
     """Yield what tells a run from others: what its name leaves out, --set by the ends of keys, --seed, and notes."""
     protocol, seed = summary.sources.get("protocol") or summary.protocol or "", summary.sources.get("seed")
     yield summary.verdict
-    yield Path(protocol).stem if Path(protocol).stem not in summary.run.name else None
+    yield None if summary.run.name.endswith(Path(protocol).stem) else Path(protocol).stem
     yield from (re.sub(r"^[\w.]*\.", "", setting) for setting in summary.sources.get("settings", ()))
     yield None if seed is None else f"seed={seed}"
     yield from summary.tags

@@ -103,11 +103,7 @@ class TerminalOperator:
             raise InterruptedRunError(f"interrupted by {self._interrupted()}")
 
     def _ask(
-        self,
-        request: OperatorRequest,
-        meanwhile: Callable[[], None],
-        offer: Offer,
-        page: "PixelPage | None",
+        self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer, page: "PixelPage | None"
     ) -> Answer:
         """Ask at the terminal, and on a page too; the answer that comes first counts."""
         wanted = _say_what_is_wanted(request)

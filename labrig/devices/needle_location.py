@@ -45,7 +45,7 @@ class AxisLocation:
             return f"{self.axis} not known"
         digits = 2 if self.unit == "mm" else 3
         age = f" {self.age_s:.1f} s ago" if self.age_s > _JUST_NOW_S else ""
-        reference = "" if self.referenced else " (no reference)"
+        reference = "" if self.referenced else " (zero not known)"
         return f"{self.axis} {self.position:.{digits}f} {self.unit}{reference}{age}"
 
 

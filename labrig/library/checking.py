@@ -23,7 +23,7 @@ _RIG_LEFT = (
     "answers of the operator",
     "what the pictures show, and what is measured in them",
 )
-_NAME_LEFT = "the name of the run"
+_NAME_LEFT = "whether the name of the run is free"
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Checked:
         Trials, duration, pictures, moves, questions.
     disk_bytes : int
         What its record takes.
-    rig_name : str or None
+    rig : RigDescription or None
         The rig; None for an experiment that moves none.
     problems, warnings : tuple of Problem
         Reasons against it, and what is doubtful.
@@ -46,7 +46,7 @@ class Checked:
 
     plan: RunPlan
     disk_bytes: int
-    rig_name: str | None
+    rig: RigDescription | None
     problems: tuple[Problem, ...]
     warnings: tuple[Problem, ...]
     calibration: tuple[CheckResult, ...]
@@ -59,7 +59,7 @@ class Checked:
     @property
     def left_to_run(self) -> tuple[str, ...]:
         """What only the run finds out."""
-        return (*(() if self.rig_name is None else _RIG_LEFT), _NAME_LEFT)
+        return (*(() if self.rig is None else _RIG_LEFT), _NAME_LEFT)
 
     def document(self) -> dict[str, object]:
         """Return it as JSON."""
@@ -92,7 +92,7 @@ def check_sources(sources: Sources, runs_dir: Path) -> Checked:
     return Checked(
         plan,
         estimate_disk_bytes(plan, rig),
-        None if rig is None else rig.name,
+        rig,
         (*specimens.problems, *refused, *_find_full_disk(runs_dir, count_needed_bytes(plan, rig))),
         (*specimens.warnings, *plan.warnings, *_find_needle_in_tissue(rig)),
         () if rig is None else tuple(list_calibration_ages(rig, now)),

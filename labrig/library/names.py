@@ -21,23 +21,23 @@ def find_protocol_file(given: Path, *, is_campaign: bool) -> Path:
     Raises
     ------
     InputError
-        When it is a name without suffix, and there is no such protocol; says which was probably meant.
+        When the lab folder has no such protocol; says which was probably meant.
     """
     with suppress(OSError):  # a name that no file can have: whoever reads it says so
-        if len(given.parts) == 1 and not given.is_file():
-            return _find_in_lab_folder(given, is_campaign=is_campaign)
+        if not given.is_file() and (len(given.parts) == 1 or given.parent == find_in_lab(PROTOCOLS)):
+            return _find_in_lab_folder(Path(given.name), is_campaign=is_campaign)
     return given
 
 
 def _find_in_lab_folder(name: Path, *, is_campaign: bool) -> Path:
     folder = find_in_lab(PROTOCOLS)
     file = folder / (name if name.suffix else f"{name}{_YAML}")
-    if file.is_file() or name.suffix:
+    if file.is_file() or name.exists():
         return file if file.is_file() else name
     known = list_campaigns() if is_campaign else list_protocols()
     # The beginning that all campaigns share makes no two names alike.
     by_rest = {full.removeprefix(CAMPAIGN_PREFIX): full for full in known}
-    near = [by_rest[rest] for rest in get_close_matches(name.name.removeprefix(CAMPAIGN_PREFIX), by_rest, 1)]
+    near = [by_rest[rest] for rest in get_close_matches(name.stem.removeprefix(CAMPAIGN_PREFIX), by_rest, 1)]
     if near:
         hint = f"did you mean {near[0]}?"
     elif find_lab_folder() is None:

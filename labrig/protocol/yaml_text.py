@@ -33,7 +33,7 @@ MAX_BYTES = 256 * 1024  # a hundred times a long protocol; ruamel.yaml reads abo
 MAX_DEPTH = 20
 MAX_VALUES = 20_000
 
-_SUFFIXES = frozenset({".yaml", ".yml", ".json"})
+_HINT = "check the indentation (spaces, no tabs), and that each quote and bracket is closed"
 _TAG = "tag:yaml.org,2002:"
 _READ_SCALARS = {_TAG + kind for kind in ("int", "float", "bool", "null")}
 # Tags that the parser gives to values without one; of scalars, those that are not read are texts.
@@ -98,7 +98,8 @@ def _hint_at_files(path: Path) -> str:
     """Return a hint: the file that `path` probably means, or the YAML files beside it, or in it if it is a folder."""
     try:
         folder = path if path.is_dir() else path.parent
-        names = sorted(file.name for file in folder.iterdir() if file.suffix in _SUFFIXES)
+        files = (file for file in folder.iterdir() if file.suffix in {".yaml", ".yml", ".json"})
+        names = sorted(file.name for file in files if ".schema" not in file.name)
     except (OSError, ValueError):
         return f"there is no folder {path.parent} that can be read"
     return choice_hint(path.name, names) if names else f"{folder} holds no YAML file"
@@ -136,8 +137,10 @@ def compose(text: str | bytes, source: str) -> Tree:
         values = None if root is None else reader.read(root, (), root)
     except MarkedYAMLError as error:
         problem = " ".join(filter(None, (error.context, error.problem)))
-        mark = error.context_mark or error.problem_mark
-        raise reader.refuse(reader.locate(mark), f"this is not YAML: {problem}") from error
+        # Where a block begins does not tell where it breaks.
+        mark = None if "block mapping" in (error.context or "") else error.context_mark
+        where = reader.locate(mark or error.problem_mark)
+        raise reader.refuse(where, f"this is not YAML: {problem}", _HINT) from error
     except ReaderError as error:  # control characters, and bytes that are not UTF-8
         before = text[: error.position]
         before = before if isinstance(before, str) else before.decode()
@@ -185,9 +188,7 @@ class _NodeReader:
         section: dict[str, Plain] = {}
         for key, child in node.value:
             if not isinstance(key, ScalarNode):
-                self._add_fault(
-                    key, path, "a key must be a plain word", "brackets before a colon need quotes"
-                )
+                self._add_fault(key, path, "a key must be a plain word", "quote brackets before a colon")
                 continue
             name = str(key.value)
             inner = (*path, name)

@@ -91,6 +91,6 @@ def say(status: int, text: str) -> Reply:
 
 
 def suggest_forwarding(*ports: int) -> str:
-    """Return the command that makes ports of this computer those of another one, typed there."""
+    """Return how to reach ports of this computer from another one; the command is a line that nothing breaks."""
     forward = " ".join(f"-L {port}:{LOCALHOST}:{port}" for port in ports)
-    return f"ssh {forward} {getuser()}@{node()}"
+    return f"from another computer, type there first:\nssh {forward} {getuser()}@{node()}"

@@ -8,7 +8,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.check_result import CheckResult, failed, passed, warned
 from labrig.devices.drives import objects as co
 from labrig.devices.drives.cia402 import Cia402Drive
-from labrig.devices.drives.states import decode_state
+from labrig.devices.drives.states import describe_statusword
 from labrig.errors import LabrigError
 
 _GUARDS = {
@@ -46,7 +46,9 @@ def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
     versions = (f"{key.replace('_', ' ')} 0x{value:08X}" for key, value in identity.versions.items())
     value = ", ".join((f"node {drive.node_id}: {identity.model}", *versions))
     value += "" if identity.serial_number is None else f", serial {identity.serial_number}"
-    value += f", fingerprint {list(drive.read_fingerprint())}" if drive.model.fingerprint else ""
+    value += (
+        f", fingerprint {list(drive.read_fingerprint())} of its settings" if drive.model.fingerprint else ""
+    )
     if not identity.doubt:
         return passed(f"drive {name}", value)
     solution = "a run reads every setting back; try homing, jog and the emergency stop without a needle first"
@@ -54,11 +56,11 @@ def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
 
 
 def _check_reference(drive: Cia402Drive, name: str) -> CheckResult:
-    state = decode_state(drive.upload(co.STATUSWORD)).name
+    state = describe_statusword(drive.upload(co.STATUSWORD))
     if drive.is_referenced():
-        return passed(f"reference {name}", f"referenced, {state}")
+        return passed(f"reference {name}", f"zero is known, {state}")
     solution = f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE"
-    return warned(f"reference {name}", f"not referenced, {state}", solution)
+    return warned(f"reference {name}", f"zero is not known, {state}", solution)
 
 
 def _check_current(drive: Cia402Drive, name: str) -> CheckResult:
@@ -97,4 +99,4 @@ def _check_guards(drive: Cia402Drive, name: str) -> CheckResult:
             "name the manufacturer's objects in the rig file if the drive has them; watch the axis for the others",
         )
     options = (f"{place} = {found[place]}" for place in drive.model.stop_options if place in found)
-    return passed(f"guards {name}", f"{', '.join(options)}; a run sets and reads back what it needs")
+    return passed(f"guards {name}", f"how it stops by itself: {', '.join(options)}; a run sets what it needs")

@@ -242,10 +242,8 @@ def test_centre_lines_lead_from_the_sheath_to_the_tip(measured):
     mm, px, (first, end) = lines[frame].mm, lines[frame].px, lines[frame].window
     assert mm.shape == px.shape
     assert 0 < first < end < len(mm)
-    length_mm = np.hypot(*np.diff(mm, axis=0).T).sum()
-    assert length_mm == pytest.approx(LENGTH_MM, abs=1.5)
-    radius = np.hypot(mm[first:end, 0] + 28.0, mm[first:end, 1])
-    assert radius == pytest.approx(28.0, abs=0.1)
+    assert np.hypot(*np.diff(mm, axis=0).T).sum() == pytest.approx(LENGTH_MM, abs=1.5)
+    assert np.hypot(mm[first:end, 0] + 28.0, mm[first:end, 1]) == pytest.approx(28.0, abs=0.1)
 
 
 def test_the_result_names_what_it_rests_on(measured):

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from labrig.analysis.statistics import (
     has_spread,
 )
 from labrig.errors import InputError
+from labrig.report.comparison_page import write_comparison
 from tests.analysis.measured_runs import SIGMAS_MM, write_measured_run
+from tests.record.runs import ENDED
 
 SOFT, HARD = ("gel A", 10.0), ("gel B", 19.0)
 
@@ -93,8 +96,7 @@ def test_results_of_different_settings_are_told(tmp_path):
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)}, settings={"window_start_mm": 4.0})
     other: Any = {"settings": {"window_start_mm": 6.0}, "overrides": ("analysis.window_start_mm=6",)}
     b = write_measured_run(tmp_path, "b", {HARD: (28.1, 28.3)}, **other)
-    compared = _compare(a, b).comparison
-    told = " ".join(compared.warnings)
+    told = " ".join(_compare(a, b).comparison.warnings)
     assert "The settings of the runs differ in window start (4 mm in a; 6 mm in b)." in told
     assert "Result 1 of b has settings changed after the run: analysis.window_start_mm=6" in told
 
@@ -116,6 +118,18 @@ def test_the_interval_of_a_distance_begins_at_zero(tmp_path):
     )
     ends = [group.ci95 for group in _compare(a, b).comparison.groups]
     assert ends == [(0.0, pytest.approx(0.5 + 12.706 * 0.4, rel=1e-3)), (0.0, pytest.approx(0.885, abs=1e-3))]
+
+
+@pytest.mark.parametrize(("low_mm", "told"), [(0.9, "the two cannot be told apart"), (1.1, "the two differ")])
+def test_insertions_are_told_apart_by_their_intervals_in_space(tmp_path, low_mm, told):
+    """Not by what the shaft says in the plane; the figure has an axis of that name."""
+    for name, error_mm in (("a", 0.1), ("b", 0.7)):
+        write_measured_run(tmp_path, name, {SOFT: (error_mm,)}, quantity="target_error_mm")
+    compared = compare_runs(measured := open_measured_runs([tmp_path / "a", tmp_path / "b"])[0])
+    table = compared.table.assign(target_error_low_mm=(0.1, low_mm), target_error_high_mm=(1.0, 2.0))
+    write_comparison(tmp_path, replace(compared, table=table), ENDED, measured)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert (told in page, "error at the target in space (mm)" in page) == (True, True)
 
 
 def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):
@@ -219,8 +233,7 @@ def test_a_spread_is_that_of_the_tables(values, mean, sd, half):
 
 def test_the_interval_covers_as_often_as_it_says():
     """The 95 % intervals of 4000 samples of 18 normal radii hold the true mean in 95 % of cases, within 1.5 %."""
-    random = np.random.default_rng(20260)
-    samples = random.normal(27.6, 0.4, (4000, 18))
+    samples = np.random.default_rng(20260).normal(27.6, 0.4, (4000, 18))
     ends = np.array([compute_spread(list(sample)).ci95 for sample in samples]) - 27.6
     assert np.mean(ends[:, 0] * ends[:, 1] < 0) == pytest.approx(0.95, abs=0.015)
 

@@ -54,8 +54,7 @@ def _differences(tip: Callable[[FloatArray], FloatArray], psi: FloatArray, step:
         flat[k] = step
         nudge = flat.reshape(psi.shape)
         near = tip(psi + nudge) - tip(psi - nudge)
-        far = tip(psi + 2 * nudge) - tip(psi - 2 * nudge)
-        columns.append((8 * near - far) / (12 * step))
+        columns.append((8 * near - (tip(psi + 2 * nudge) - tip(psi - 2 * nudge))) / (12 * step))
     return np.stack(columns, axis=-1)
 
 

@@ -25,8 +25,7 @@ def test_a_closed_run_gives_back_what_was_recorded(tmp_path: Path) -> None:
     assert run.damage == ()
     assert run.protocol["experiment"] == "import"
     assert list(run.states["insertion_mm"][:3]) == [0.0, 1 / 3, 2 / 3]
-    plain = pd.read_json(run.path / "states.jsonl", lines=True)
-    assert list(plain["t_s"]) == list(run.states["t_s"])
+    assert list(pd.read_json(run.path / "states.jsonl", lines=True)["t_s"]) == list(run.states["t_s"])
     assert list(run.trials["start_t_s"]) == [0.0, 10.0]
     assert list(run.until(10.0).states["t_s"]) == [0.0, 1.0, 2.0]  # the trial that begins then is not in it
     assert list(run.events["kind"]) == ["run_start", *(["trial_start", "trial_stop"] * 2), "run_stop"]
@@ -174,8 +173,7 @@ def test_a_run_shows_itself_in_a_notebook(tmp_path: Path) -> None:
     """What it is and what is wrong with it; text of the record is escaped."""
     path = closed_run(tmp_path, title="<b>&")
     flip_bit(path / "states.jsonl")
-    shown = open_run(path)._repr_html_()
-    assert all(words in shown for words in ("&lt;b&gt;&amp;", "states.jsonl"))
+    assert all(words in open_run(path)._repr_html_() for words in ("&lt;b&gt;&amp;", "states.jsonl"))
 
 
 def test_two_runs_are_compared_value_by_value(tmp_path: Path) -> None:

@@ -35,8 +35,7 @@ DESIGN = Design(30.0, 40.0, -1)
 def _series() -> list[GelSeries]:
     path = np.column_stack((-np.linspace(0, 20, 30), np.linspace(0, 28, 30)))
     full = GelSeries("10 %", mark(0), (path,), (28.1, 28.3), 28.2, 0.14, (27.9, 28.5), (28.34, 0.247), 28.25)
-    empty = GelSeries("13 %", mark(1), (), (), None, None, None, None, None)
-    return [full, empty]
+    return [full, GelSeries("13 %", mark(1), (), (), None, None, None, None, None)]
 
 
 def test_a_figure_is_an_element_of_its_own() -> None:
@@ -132,8 +131,7 @@ def test_a_line_lies_where_it_was_measured_in_the_reduced_picture() -> None:
     level = Stroke(np.array([(192.0, 300.0), (1728.0, 300.0)]), (255, 0, 0), 3, "plan")
     drawn = draw_film_picture(grey, FilmPicture(0, (level,), "12.5 mm"))
     assert drawn.shape == (340, 960, 3)
-    red = (drawn[:300, :, 2] > 150) & (drawn[:300, :, 0] < 90)
-    rows, columns = np.nonzero(red)
+    rows, columns = np.nonzero((drawn[:300, :, 2] > 150) & (drawn[:300, :, 0] < 90))
     assert abs(rows.mean() - 150) < 0.5
     assert [int(columns.min()), int(columns.max())] == pytest.approx([96, 864], abs=2)
     strip = drawn[300:].astype(int)

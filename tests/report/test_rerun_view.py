@@ -48,8 +48,7 @@ def test_the_last_picture_is_marked_as_old_once_the_needle_is_withdrawn(tmp_path
     """The mark says at which depth it was taken, and goes with the next picture."""
     run = open_run(shutil.copytree(RECORDS / "steerability", tmp_path / "run"))
     shown = read_view(write_view(run, {}, NO_VIEW, describe_statusword))
-    trials = len(run.trials)
-    assert len(shown["/camera/old/words"]) == trials > 0
+    assert len(shown["/camera/old/words"]) == len(run.trials) > 0
     depth_mm = max(line.insertion_mm for line in run.frame_lines if line.insertion_mm is not None)
     assert shown["/camera/old/words"][-1].startswith(f"OLD PICTURE: taken at {depth_mm:.1f} mm")
     assert shown["/events"][0].startswith("run starts")

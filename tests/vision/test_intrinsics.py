@@ -322,8 +322,7 @@ def test_sigma_of_the_focal_length_holds_for_warped_boards():
 @pytest.mark.processors
 def test_warp_is_positive_towards_the_camera_whatever_the_numbering():
     """A middle that stands towards the camera is positive, also if the board's rows are numbered upwards."""
-    board = bend_board(0.4, -0.2)
-    views = views_of(board, 8, 1)
+    views = views_of(bend_board(0.4, -0.2), 8, 1)
     mirrored = [FLAT.points_mm * (1.0, -1.0)] * 8
     for found in (calibrate_full(views), calibrate_intrinsics(mirrored, views, FULL_CAMERA.size)):
         assert found.board_warp.row_mm == pytest.approx(0.4, abs=0.05)

@@ -53,8 +53,7 @@ def test_refuses_a_picture_that_is_to_be_shown_turned(suffix, order, tmp_path):
     with pytest.raises(PictureError, match=rf"turned\.{suffix} is to be shown turned or mirrored") as caught:
         read_picture(turned)
     assert "without that mark" in caught.value.hint
-    upright = save_oriented(tmp_path / f"upright.{suffix}", GREY, 1, order)
-    assert size_of(read_picture(upright)) == (40, 30)
+    assert size_of(read_picture(save_oriented(tmp_path / f"upright.{suffix}", GREY, 1, order))) == (40, 30)
 
 
 @pytest.mark.parametrize(

@@ -395,8 +395,7 @@ GRID_MM = np.stack(np.meshgrid(np.arange(2.0, 72.0), np.arange(2.0, 46.0)), axis
 
 def project(places_mm, heights_mm, noise=0.05, seed=0):
     """Return the pixels (N, 2) at which a camera over `FOOT_MM` sees points of that height over the plane."""
-    flat = places_mm - FOOT_MM
-    px = PINHOLE[0, 0] * flat / (DISTANCE_MM - heights_mm)[:, None] + PINHOLE[:2, 2]
+    px = PINHOLE[0, 0] * (places_mm - FOOT_MM) / (DISTANCE_MM - heights_mm)[:, None] + PINHOLE[:2, 2]
     return px + np.random.default_rng(seed).normal(0.0, noise, px.shape)
 
 

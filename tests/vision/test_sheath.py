@@ -53,8 +53,7 @@ def test_a_glint_along_the_middle_refuses_nothing() -> None:
 
 def test_heading_is_measured_after_the_needle_is_out() -> None:
     """The sheath behind the step of width still shows its heading; without a sheath there is no heading."""
-    image = Gel(Needle(heading_rad=-0.03)).take(2)
-    measured = measure_curvature(image, PLANE, CurvatureSettings())
+    measured = measure_curvature(Gel(Needle(heading_rad=-0.03)).take(2), PLANE, CurvatureSettings())
     assert measured.sheath_heading_rad == pytest.approx(0.03, abs=0.005)
     bare = Gel(Needle(sheath_mm=1.2)).take(2)
     measured = measure_curvature(bare, PLANE, CurvatureSettings(sheath_diameter_mm=None))

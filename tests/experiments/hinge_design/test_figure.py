@@ -1,12 +1,10 @@
 """The hinge in section, and figure 3."""
 
-import json
-
 import numpy as np
 import pytest
 
 from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_section
-from labrig.experiments.hinge_design.result import DesignStudy
+from labrig.experiments.hinge_design.result import DesignResult
 from labrig.needle.hinge import Hinge
 from labrig.protocol.design_file import PAPER_TUBE
 from tests.cli.conftest import ROOT
@@ -16,10 +14,7 @@ KEPT = ROOT / "tests" / "records" / "design" / "analysis" / "001" / "result.json
 
 def test_the_design_stands_among_both_planes_with_its_radius() -> None:
     """The legend tells our contour from equation (3); the star is the design, and the right axis tells radii."""
-    document = json.loads(KEPT.read_text())
-    study = DesignStudy.model_validate(
-        {key: document[key] for key in DesignStudy.model_fields if key in document}, strict=False
-    )
+    study = DesignResult.model_validate_json(KEPT.read_text(), strict=False)
     drawn = draw_hinge_figure(study, "rotations")
     for words in ("equation (3)", "our contour", "this design", "radius (mm)"):
         assert words in drawn

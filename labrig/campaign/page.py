@@ -71,6 +71,7 @@ def write_page(
         "decimals": max(2, count_decimals([arm.ci95 for arm in known], [arm.mean for arm in known], 6)),
         "chance": chance,
         "clear": clear,
+        "rows": table.set_index("task"),
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
         "circles": circles,
         "loaded": loaded,

@@ -7,6 +7,7 @@ from typer import Option
 
 from labrig.cli.options import CampaignArgument, WorkersOption
 from labrig.cli.output import print_json, print_line, print_table, quote
+from labrig.report.formatting import name_settings
 from labrig.text import interval, number, split_quantity
 
 
@@ -58,12 +59,13 @@ def _print(campaign: Any) -> None:
     rows = []
     for arm in result.arms:
         share = None if arm.share_ci95 is None else [100 * limit for limit in arm.share_ci95]
-        percent = number(None if arm.share is None else 100 * arm.share, 1)
-        mean = (number(arm.mean), interval(arm.ci95, 3), number(arm.median))
-        rows.append((arm.name, arm.tasks - arm.failed, percent, interval(share, 1), *mean))
+        within = "-" if share is None else f"{arm.within_tolerance} of {arm.tasks - arm.failed}"
+        mean = (arm.n, number(arm.mean, 2), interval(arm.ci95), number(arm.median, 2))
+        rows.append((name_settings(arm.name), within, interval(share, 1), *mean))
     quote(campaign.report)
     if len(rows) > 1:  # the result tells a single one
         unit = split_quantity(result.measure)[1] or ""
-        heads = ("arm", "n", "within %", "95 % interval", f"mean {unit}", "95 % interval", f"median {unit}")
+        columns = ("arm", "within tolerance", "95 % interval %", "n")
+        heads = (*columns, f"mean {unit}", "95 % interval", f"median {unit}")
         print_table(heads, rows)
     print_line(f"table   {campaign.table}\nreport  {campaign.report}")

@@ -14,6 +14,7 @@ from labrig.cli.bug_report import keep_traceback
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drives.states import describe_statusword
 from labrig.errors import LabrigError
+from labrig.experiments.declared import find_experiment
 from labrig.experiments.registry import follow_run
 from labrig.posix import end_with_parent
 from labrig.record.following import GrowingRun
@@ -46,6 +47,8 @@ def _show(wanted: ViewerKind, program: str) -> None:
     kind = wanted if has_display(os.environ) else "web"
     viewer = start_viewer(kind, clock, program)
     _tell_where(viewer)
+    # What takes a second to load is loaded while the rig is opened: the first picture is not kept waiting.
+    find_experiment("insertion").part("follow")
     path = sys.stdin.readline().rstrip("\n")
     if not path:
         return

@@ -35,12 +35,12 @@ def run(
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     chosen = choose_runs_dir(runs_dir)
-    if run_name is not None:  # refused before anything is said of the run
+    if runs_dir is None:  # before the imports, which take a second
+        say(f"reading {protocol}; the record will go to {chosen.path}, {chosen.reason}")
+    if run_name is not None:
         from labrig.record.writer import require_free_name
 
         require_free_name(chosen.path, run_name)
-    if runs_dir is None:  # before the other imports, which take a second
-        say(f"reading {protocol}; the record will go to {chosen.path}, {chosen.reason}")
     from labrig.cli.attendant import TerminalAttendant
     from labrig.library.door import make_run
     from labrig.library.sources import Sources

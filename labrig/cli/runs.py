@@ -128,7 +128,8 @@ def check(runs: RunsArgument) -> int:
         state = "interrupted" if found.exit_status == "incomplete" else f"closed as {found.exit_status}"
         state = state if writer is None else f"being written by {writer}"
         print_line(f"{path}: {'damaged' if found.damage else 'sound'}, {state}")
-        held = ", ".join(format_count(found.holds[f"{noun}s"], noun) for noun in ("frame", "state", "event"))
+        nouns = {"frames": "picture", "states": "state", "events": "event"}
+        held = ", ".join(format_count(found.holds[key], noun) for key, noun in nouns.items())
         print_line(f"  it holds {held}; {format_count(found.holds['trials_done'], 'trial')} done")
         print_problems(found.damage, "  damage: ")
         print_problems(found.notices, "  note: ")

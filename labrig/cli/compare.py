@@ -15,7 +15,7 @@ from labrig.cli.several_runs import choose_runs
 from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
 from labrig.lab import COMPARISONS, find_in_lab
-from labrig.text import interval
+from labrig.text import interval, number
 
 
 def compare(
@@ -79,18 +79,18 @@ def _write(compared: Any, out: Path | None, measured: Sequence[Any]) -> Path:
 
 
 def _print(document: Mapping[str, Any]) -> None:
+    from labrig.report.formatting import count_decimals
+
     quote(document["report"])
-    unit = f" {document['unit'] or ''}".rstrip()
-    groups = [
-        [*map(group.get, ("name", "n", "mean", "sd")), _tell_interval(group)] for group in document["groups"]
-    ]
-    if any(group["n"] > 1 for group in document["groups"]):
+    unit, found = f" {document['unit'] or ''}".rstrip(), document["groups"]
+    digits = max(3, count_decimals([of["ci95"] for of in found], [of["mean"] for of in found]))
+    groups = [[of["name"], of["n"], *_tell(of, ("mean", "sd"), digits)] for of in found]
+    if any(group["n"] > 1 for group in found):
         print_table(("group", "n", f"mean{unit}", f"SD{unit}", f"95 % interval{unit}"), groups)
     pairs = [
         [
             f"{pair['a']} - {pair['b']}",
-            pair["difference"],
-            _tell_interval(pair),
+            *_tell(pair, ("difference",), digits),
             None if pair["p"] is None else f"{pair['p']:.4g}",
         ]
         for pair in document["pairs"]
@@ -103,6 +103,7 @@ def _print(document: Mapping[str, Any]) -> None:
     print_line(f"report  {document['report']}")
 
 
-def _tell_interval(row: Mapping[str, Any]) -> str:
-    """Return the interval that holds the errors that all measurements share, too, if they are known."""
-    return interval(row["ci95_with_shared"] or row["ci95"], 3)
+def _tell(row: Mapping[str, Any], keys: Sequence[str], digits: int) -> list[str]:
+    """Return values, and the interval that holds the errors that all measurements share, too, if they are known."""
+    ends = interval(row["ci95_with_shared"] or row["ci95"], digits)
+    return [*(number(row[key], digits) for key in keys), ends]

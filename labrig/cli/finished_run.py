@@ -43,14 +43,14 @@ def print_finished(finished: FinishedRun, experiment: Experiment | None) -> int:
         **({} if error is None else {"error": failure_document(error)}),
     })  # fmt: skip
     if result is not None and experiment is not None and finished.report is not None:
+        quote(finished.report)
+        if error is not None and is_told:
+            say_failure(error, is_told=True)
         for line in experiment.part("summarise")(result):
             if isinstance(line, TextTable):
                 print_table(line.heads, line.rows)
             else:
                 print_line(line)
-        quote(finished.report)
-        if error is not None and is_told:
-            say_failure(error, is_told=True)
         print_line(f"record  {finished.path}\nreport  {finished.report}")
     if checksum is not None:
         what = "write it in your notebook; it is the SHA-256 of the run's SHA256SUMS"

@@ -324,7 +324,7 @@ def draw_bubble(picture: Field32, bubble: list[float], shift_mm: float, world: W
 
 def draw_ball(picture: Field32, ball: Ball, world: WorldDescription) -> None:
     """Draw an obstacle of tinted, translucent gel: darker with its thickness, and with a faint rim."""
-    centre, scale = see_points(np.array([ball.centre_mm]), world.lens)
+    centre, scale = see_points(np.array([ball.position_mm]), world.lens)
     radius_mm = ball.radius_mm * float(scale[0])
     margin_px = 1.2 * radius_mm / pixel_plane(world.lens).mm_per_px + 2
     window, dy, dz = _look_around(centre, margin_px, world.lens)

@@ -103,7 +103,7 @@ def make_empty_hole() -> Hole:
 class Ball:
     """An obstacle cast into a gel: centre (x, y, z) in the steering plane's frame, and radius [mm]."""
 
-    centre_mm: tuple[float, float, float]
+    position_mm: tuple[float, float, float]
     radius_mm: float
 
 

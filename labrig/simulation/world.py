@@ -168,7 +168,7 @@ class World:
         random = stream(self._seed, "obstacles", name)
         shifts_mm = self.description.obstacle_shift_sd_mm * random.standard_normal((len(obstacles), 3))
         return tuple(
-            Ball(tuple((shift_mm + ball.centre_mm).tolist()), ball.radius_mm)
+            Ball(tuple((shift_mm + ball.position_mm).tolist()), ball.radius_mm)
             for ball, shift_mm in zip(obstacles, shifts_mm, strict=True)
         )
 
@@ -341,22 +341,24 @@ class World:
         """Return the truth about an insertion into a phantom, in space; empty for another gel.
 
         target_mm [x, y, z] where it is now, true_target_error_mm and true_min_clearance_mm, from the needle's surface
-        to an obstacle's, each possibly None; path_mm [[x, y, z], ...], a point every half millimetre.
+        to an obstacle's, each possibly None; true_obstacles where they are, with the clearance
+        of each; path_mm [[x, y, z], ...], a point every half millimetre.
         """
         if self._specimen is None or not self._specimen.is_phantom:
             return {}
         track, balls, target = self._hole.track, self._specimen.obstacles, self.locate_target_mm()
         path = np.array([self.sheath_point_mm()]) if track is None else track.points_mm()[:, 1:]
         radius_mm = 0.5 * self.description.needle.diameter_mm
-        clearances = [
-            float(np.linalg.norm(path - ball.centre_mm, axis=1).min()) - ball.radius_mm - radius_mm
+        gaps = [
+            float(np.linalg.norm(path - ball.position_mm, axis=1).min()) - ball.radius_mm - radius_mm
             for ball in balls
         ]
         coarse = np.vstack((path[: -1 : round(_PATH_EVERY_MM / NODE_MM)], path[-1:]))
         return {
             "target_mm": None if target is None else list(target),
             "true_target_error_mm": None if target is None else float(np.linalg.norm(path[-1] - target)),
-            "true_min_clearance_mm": min(clearances, default=None),
+            "true_min_clearance_mm": min(gaps, default=None),
+            "true_obstacles": [vars(one) | {"clearance_mm": mm} for one, mm in zip(balls, gaps, strict=True)],
             "path_mm": coarse.round(4).tolist(),
         }
 

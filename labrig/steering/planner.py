@@ -14,7 +14,7 @@ from labrig.steering.clearance import path_distances
 from labrig.steering.mending import mend_paths
 from labrig.steering.parameters import PlanMethod
 from labrig.steering.problem import PlanProblem, Point, Surroundings
-from labrig.steering.refusal import explain_failure, find_refusal
+from labrig.steering.refusal import RefusalCause, explain_failure, find_refusal
 from labrig.steering.resolved_rate import search_by_resolved_rate
 from labrig.steering.score import find_worst_miss_and_gap, pick_best_feasible
 
@@ -45,8 +45,10 @@ class Plan:
     Parameters
     ----------
     found : bool
-    reason : str or None
-        Why there is no path; None if there is a path.
+    reason, cause : str or None
+        Why there is no path, in words and by its name; None if there is a path.
+    hint : str
+        What would give one.
     arcs : tuple of PlannedArc
         Empty if there is no path, or if the tip is already at the target.
     tip_mm : (x, y, z) or None
@@ -61,6 +63,8 @@ class Plan:
 
     found: bool
     reason: str | None
+    cause: RefusalCause | None = None
+    hint: str = ""
     arcs: tuple[PlannedArc, ...] = ()
     tip_mm: Point | None = None
     target_error_mm: float | None = None
@@ -102,9 +106,9 @@ def plan_path(
         those that are found: a quick search finds paths of few arcs only.
     """
     around = Surroundings(problem)
-    reason = find_refusal(around)
-    if reason is not None:
-        return Plan(found=False, reason=reason)
+    refusal = find_refusal(around)
+    if refusal is not None:
+        return _refuse(*refusal)
     known = (
         [] if present is None or method == "paper" else [mend_paths(present[None], around, _MENDING_STEPS)]
     )
@@ -117,8 +121,11 @@ def plan_path(
         return make_plan(best, around)
     if np.linalg.norm(around.target_mm) <= problem.tolerance_mm:
         return make_plan(np.zeros((0, 2)), around)
-    failed = "resolved motion rate found no path" if method == "paper" else explain_failure(problem)
-    return Plan(found=False, reason=failed)
+    return _refuse(*explain_failure(problem, method))
+
+
+def _refuse(reason: str, cause: RefusalCause, hint: str) -> Plan:
+    return Plan(found=False, reason=reason, cause=cause, hint=hint)
 
 
 def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> FloatArray:

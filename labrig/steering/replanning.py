@@ -31,6 +31,7 @@ _CORRECTED_SHARE = 0.05
 _PATIENCE_MM = 15.0
 # In the last millimetres: the cost of a millimetre of miss against that of the turns.
 _FINAL_ERROR_PER_MM = 40.0
+_BLOCKED = Plan(found=False, reason="blocked near the target", cause="blocked")
 
 
 def replan(
@@ -45,7 +46,8 @@ def replan(
     try:
         problem = pose_problem_ahead(state, settings)
     except InputError as error:
-        return replace(tried, refusal=error.message) if stands else replace(tried, sought=occasion)
+        refused = Plan(found=False, reason=error.message, cause="blocked")
+        return replace(tried, refusal=refused) if stands else replace(tried, sought=occasion)
     present = _psi_ahead(state, settings) if state.plan.found else known
     thorough: Effort = "improving" if known is None else "thorough"
     plan = plan_with_clearance(problem, settings, thorough if stands else "quick", present)
@@ -53,7 +55,7 @@ def replan(
         return _follow(tried, plan, problem, settings)
     if _is_still_good(state, settings):
         return tried
-    return replace(tried, refusal=plan.reason) if stands else replace(tried, sought=occasion)
+    return replace(tried, refusal=plan) if stands else replace(tried, sought=occasion)
 
 
 def predict_miss_and_gap(state: SteeringState, settings: SteeringSettings) -> tuple[float, float]:
@@ -137,7 +139,7 @@ def _plan(
     around = Surroundings(problem)
     if np.linalg.norm(around.target_mm) <= settings.policy.final_mm:
         psi = find_nearest_approach(around, _FINAL_ERROR_PER_MM)
-        return Plan(found=False, reason="blocked near the target") if psi is None else make_plan(psi, around)
+        return _BLOCKED if psi is None else make_plan(psi, around)
     return plan_path(problem, settings.method, effort, present)
 
 

@@ -46,7 +46,7 @@ class SteeringState:
         Insertion lengths at which the present path was found, and at which the planner last ran.
     why : str or None
         The occasion to replan at this sighting; None if there was none.
-    refusal : str or None
+    refusal : Plan or None
         Why the planner found no path at this sighting; None if it found one or did not run.
     run_to_mm : float
         Of the last command.
@@ -70,7 +70,7 @@ class SteeringState:
     followed_mm: float
     planned_at_mm: float
     why: Occasion | None
-    refusal: str | None
+    refusal: Plan | None
     run_to_mm: float
     moving_from: tuple[float, FloatArray]
     sought: Occasion | None = None

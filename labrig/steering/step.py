@@ -105,7 +105,7 @@ def _find_deviation(state: SteeringState, settings: SteeringSettings, deviation_
 def _command_next(state: SteeringState, settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:
     """Return what to do next, and the state after it is done."""
     if state.refusal is not None:
-        return state, _stop(state, _find_stop_reason(state, settings), state.refusal)
+        return state, _stop(state, _find_stop_reason(state, settings), str(state.refusal.reason))
     if state.left_mm <= _ARRIVAL_MM:
         return state, _stop_at_end(state, settings)
     if state.sought is not None:

@@ -311,7 +311,7 @@ def test_truth_of_a_phantom_tells_the_clearance_over_the_whole_path() -> None:
         world.advance(float(depth_mm), 0.0, 15.0)
     truth: Any = world.truth()
     path = np.array(truth["path_mm"])
-    apart = [np.linalg.norm(path - ball.centre_mm, axis=1).min() - ball.radius_mm - 0.6 for ball in BALLS]
+    apart = [np.linalg.norm(path - ball.position_mm, axis=1).min() - ball.radius_mm - 0.6 for ball in BALLS]
     assert truth["true_min_clearance_mm"] == pytest.approx(min(apart), abs=0.01)
 
 

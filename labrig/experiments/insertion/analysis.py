@@ -9,7 +9,9 @@ would have been estimated of the path that the needle took.
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.ending import (
+    SWINGS_MM,
     Ending,
     EstimatedEnd,
     TargetErrorBounds,
@@ -39,6 +42,7 @@ from labrig.experiments.insertion.events import (
     InsertionStop,
     MarkersSought,
     NeedleHeld,
+    PathSought,
     TipObserved,
     TrueInsertion,
     describe_sighting,
@@ -56,6 +60,7 @@ from labrig.steering.problem import PlanProblem
 from labrig.steering.sighting_noise import SeenInsertion, measure_noise
 from labrig.steering.state import begin_steering, take_in_sighting, turn_bevel
 from labrig.steering.tip_search import TipView, find_tip
+from labrig.vision.circle import fit_circle
 from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.marker import MarkerFix
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
@@ -69,6 +74,8 @@ TEMPLATE_FILE = "template.png"
 _PATH_POINTS, _DECIMALS = 60, 3
 # The first insertions of a run tell enough about the noise of its sightings.
 _MOST_NOISE_INSERTIONS = 3
+# A radius is measured over a stretch of at least so many mm between two turns.
+_LEAST_BENT_MM = 15.0
 _UNRECORDED: dict[str, Any] = {
     "exit_status": INCOMPLETE,
     "stop": "interrupted",
@@ -257,8 +264,11 @@ class _Insertion:
             unmeasured=unmeasured,
             **({} if bounds is None else bounds.describe()),
             template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
-            **self.true.model_dump(include={"true_target_error_mm", "true_min_clearance_mm"}),
+            **{name: value for name, value in self.true if name.startswith("true_")},
+            bent_radius_mm=self._measure_radius(end),
+            refused=next((event.cause for event in self.way[::-1] if isinstance(event, PathSought)), None),
             true_path_mm=_thin_path(self.true.path[:, 1:]),
+            true_target_mm=self.true.target_mm,
             missed_sightings=sum(not step.believed for step in steps),
             mean_nis=float(np.mean(nis)) if nis else None,
             steps=tuple(steps),
@@ -291,6 +301,18 @@ class _Insertion:
             return None, source.explain(error)
         return shaft, None
 
+    def _measure_radius(self, end: ShaftTip | None) -> float | None:
+        """Return the radius of the longest stretch between two turns; None if it is short or straight."""
+        turns = (event.depth_mm for event in self.way if isinstance(event, BevelTurn))
+        stretches = pairwise((0.0, *turns, self.stop.depth_mm))
+        start_mm, stop_mm = max(stretches, key=lambda ends: ends[1] - ends[0])
+        if end is None or stop_mm - start_mm < _LEAST_BENT_MM:
+            return None
+        bent = (end.arc_mm > start_mm + SWINGS_MM) & (end.arc_mm < stop_mm)
+        with suppress(MeasurementRefusedError):
+            return fit_circle(end.centre_line_mm[bent]).radius
+        return None
+
     def _judge_end(self, shaft: ShaftTip | None) -> TargetErrorBounds | None:
         """Return the distance in space from the target; None if nothing was seen, or the camera was bumped."""
         start, stop, source, tip = self.start, self.stop, self.source, self.state.tip
@@ -298,6 +320,7 @@ class _Insertion:
             return None
         turns = [event for event in self.way if isinstance(event, BevelTurn)]
         backlash_mm = self.settings.policy.backlash_mm
+        estimate = EstimatedEnd(tip.position_mm[1:], tip.position_sd_mm, self.state.seen)
         return judge_end(
             trace_path(turns, start.roll_zero_rad, stop.depth_mm, stop.centred, backlash_mm),
             self.settings,
@@ -305,9 +328,7 @@ class _Insertion:
             source.view.plane,
             find_target_sd_mm(source.protocol, self.markers),
             shaft=shaft,
-            estimate=EstimatedEnd(tip.position_mm[1:], tip.position_sd_mm, self.state.seen)
-            if self.steps
-            else None,
+            estimate=estimate if self.steps else None,
             drift=source.drift,
         )
 
@@ -326,7 +347,7 @@ def _read_insertions(source: _Source) -> list[_Insertion]:
     """Return each recorded insertion that was neither made again nor left out by a person."""
     run = source.run
     sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
-    way = run.read_events(BevelTurn, TipObserved, MarkersSought, NeedleHeld)
+    way = run.read_events(BevelTurn, TipObserved, MarkersSought, NeedleHeld, PathSought)
     true = run.read_truth(TrueInsertion)
     return [
         _Insertion(

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from labrig.errors import Problem
 from labrig.experiments.insertion.events import BevelTurn
 from labrig.experiments.insertion.result import EndDepth, EndSource, TargetErrorSources
+from labrig.protocol.yaml_text import load_yaml_values
 from labrig.steering.arrival import TipOffset, bound_target_error, decide_arrival
 from labrig.steering.out_of_plane import (
     OutOfPlaneBudget,
@@ -39,32 +41,12 @@ Point = tuple[float, float, float]
 # Distance between the points of the needle whose depths are estimated together, and the fewest of them.
 _NODE_MM, _LEAST_NODES = 2.0, 12
 
-# For each source: what it is in a sentence, and what makes it smaller.
-_SOURCES: Mapping[str, tuple[str, str]] = {
-    "roll_zero": (
-        "the roll zero",
-        "find the roll zero at more rolls or over a longer insertion (roll_zero:)",
-    ),
-    "torsion": (
-        "the lag of the bevel",
-        "measure how far this needle's bevel lags behind its drive (out_of_plane.lag_sd_deg)",
-    ),
-    "heading_noise": (
-        "the needle's wandering out of the plane",
-        "measure how far needles wander in this gel (out_of_plane.heading_sd_deg_per_root_mm), or aim nearer",
-    ),
-    "start": (
-        "the start",
-        "guide the sheath better, and state its play (out_of_plane.start_sd_mm, out_of_plane.start_sd_deg)",
-    ),
-    "in_plane": ("the place in the picture", "bring the camera nearer, or calibrate it better"),
-    "target": ("the place of the target", "locate the target better, and state how well (target.sd_mm)"),
-}
-
+# For each source of error its name and what makes it smaller.
+_SOURCES: Mapping[str, Any] = load_yaml_values(Path(__file__).with_name("error_sources.yaml"))
 
 # While the bend swings over in the last stretch of a shaft, its end is read off by so many needle widths: 0.18 mm (rms)
 # in the 37 of 85 runs of protocols/insertion.yaml that ended so, 0.07 mm in the others.
-_SWINGS_MM, _SWUNG = 6.0, 0.17
+SWINGS_MM, _SWUNG = 6.0, 0.17
 # Picture and estimate that differ by more of their standard deviations contradict each other.
 _AGREES = 3.0
 
@@ -253,10 +235,15 @@ class TargetErrorBounds:
         is_missed, (low_mm, high_mm) = self.in_plane_mm > tolerance_mm, self.interval_mm
         arrival = "missed" if is_missed else decide_arrival(self.interval_mm, tolerance_mm)
         left = self.depth if self.depth is not None and self.depth.contradicts else None
-        end = "the needle's end" if left is None else f"{_describe_depth(left)}; it"
+        end = "steered to the target; the needle's end is"
+        if left is not None:
+            end = (
+                f"seen at the target, the needle's end lies {abs(left.x_mm):.1f} mm (SD {left.sd_mm:.1f} mm) "
+                f"{'behind' if left.x_mm > 0 else 'before'} the plane, by its width and length in the picture; it is"
+            )
         cause = (
-            f"steered to the target; {end} is {self.in_plane_mm:.2f} mm from the target in the plane, and between "
-            f"{low_mm:.2f} and {high_mm:.2f} mm in space (95 %), and {tolerance_mm:g} mm are allowed"
+            f"{end} {self.in_plane_mm:.2f} mm from the target in the plane, and between {low_mm:.2f} and "
+            f"{high_mm:.2f} mm in space (95 %), and {tolerance_mm:g} mm are allowed"
         )
         if left is not None:
             outcome = "missed" if arrival == "missed" else "reached_in_plane_only"
@@ -283,7 +270,7 @@ class TargetErrorBounds:
             "target.tolerance_mm",
             f"{tolerance_mm:g} mm is below what one camera can certify here: a needle that ends at the target as seen "
             f"in the plane is between {low_mm:.2f} and {high_mm:.2f} mm from it in space (95 %). Standard deviations "
-            f"over all axes, in mm: {parts}. Unless the last picture shows the needle's depth, the run ends as "
+            f"over all axes, in mm: {parts}. Unless the final picture shows the needle's depth, the run ends as "
             "reached_in_plane_only",
             _SOURCES[self.sources.largest][1],
         )
@@ -358,7 +345,7 @@ def judge_end(
     depth = (
         None if shaft is None else _find_depth(shaft, plane, path, problem.radius_mm, unseen, way_mm=way_mm)
     )
-    swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < _SWINGS_MM
+    swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < SWINGS_MM
     if shaft is not None and swings:
         fit_mm = math.hypot(shaft.errors.fit_mm or 0.0, _SWUNG * shaft.width_px * plane.mm_per_px)
         shaft = replace(shaft, errors=replace(shaft.errors, fit_mm=fit_mm))
@@ -421,11 +408,4 @@ def bound_error(
             **vars(unseen), in_plane=float(np.linalg.norm(seen.sd_mm)), target=target_sd_mm
         ),
         depth=None if depth is None else EndDepth.model_validate(depth, from_attributes=True),
-    )
-
-
-def _describe_depth(depth: EndDepth) -> str:
-    return (
-        f"by its width and length in the picture the needle's end is {abs(depth.x_mm):.1f} mm (SD "
-        f"{depth.sd_mm:.1f} mm) {'behind' if depth.x_mm > 0 else 'before'} the plane, which its path does not explain"
     )

@@ -1,5 +1,6 @@
 """The events of an insertion to a target: its aim, its observations and estimates, and the paths that it plans."""
 
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +13,7 @@ from labrig.needle.kinematics import FloatArray
 from labrig.record.events import Event, PictureRole, TrialStop, TruthLine
 from labrig.steering.planner import Plan
 from labrig.steering.problem import Obstacle
+from labrig.steering.refusal import RefusalCause
 from labrig.steering.state import SteeringState
 from labrig.steering.torsion import TorsionalLag
 from labrig.vision.tip import TipFix
@@ -205,7 +207,10 @@ class MarkersSought(InsertionEvent):
 
 
 class PathSought(InsertionEvent):
-    """The planner ran: on which occasion, from which pose, and what it found or why it found nothing."""
+    """The planner ran: on which occasion, from which pose, and what it found or why it found nothing.
+
+    `refusal` says why there is no path, `cause` the same by its name; `plan` is then the one before.
+    """
 
     kind: ClassVar[str] = "plan"
 
@@ -213,6 +218,7 @@ class PathSought(InsertionEvent):
     depth_mm: float
     because: str
     refusal: str | None
+    cause: RefusalCause | None = None
     replans: int
     from_mm: float
     start_mm: _Point
@@ -220,10 +226,19 @@ class PathSought(InsertionEvent):
     plan: Plan
 
 
+@dataclass(frozen=True)
+class TrueObstacle(Obstacle):
+    """An obstacle of the simulated world where it is, and its least clearance from the needle."""
+
+    clearance_mm: float
+
+
 class TrueInsertion(TruthLine):
     """The truth of an insertion in the simulated world: its path [mm], and its distances from target and obstacles."""
 
     path_mm: tuple[_Point, ...] = ()
+    target_mm: _Point | None = None
+    true_obstacles: tuple[TrueObstacle, ...] = ()
     true_target_error_mm: float | None = None
     true_min_clearance_mm: float | None = None
 

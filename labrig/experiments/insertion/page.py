@@ -1,10 +1,10 @@
 """The page of an insertion run: figure 9 of the paper, and the estimated tip along the way."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -15,13 +15,13 @@ from labrig.experiments.insertion.events import InsertionRole, InsertionStart, P
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionResult, InsertionTrial, describe_sighting_noise
-from labrig.experiments.insertion.scene import Scene, make_films, read_scenes
+from labrig.experiments.insertion.scene import FloatArray, Scene, make_films, read_scenes
 from labrig.experiments.shared.roll_zero_events import RollZeroFound
 from labrig.record.events import Event
 from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke
 from labrig.report.page import Page, read_world
-from labrig.report.pictures import PLATE, Plate, map_path, photograph, polyline, scale_bar
+from labrig.report.pictures import PLATE, Plate, map_path, photograph, pixel, polyline, scale_bar
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 
@@ -47,26 +47,21 @@ class Panel:
 
 @dataclass(frozen=True)
 class ShownInsertion:
-    """One insertion: its pictures, its curves over the inserted length, and what the map is off at its target.
-
-    `map_off_mm` is None where that is not known, or where markers moved the target.
-    """
+    """One insertion: its pictures, and its curves over the inserted length."""
 
     trial: InsertionTrial
     panels: tuple[Panel, ...]
     figure: Markup | None
-    map_off_mm: float | None
 
 
 def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult]) -> Page:
     """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
     content, plane, events = result.content, load_plane_map(run), read_scenes(run)
-    targets = {line["trial"]: line["target_mm"] for line in run.lines("truth") if line.get("target_mm")}
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     parts = {
         "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
         "shown": [
-            _draw_insertion(run, protocol, trial, events.get(trial.trial, ()), Scene(plane), targets=targets)
+            _draw_insertion(run, protocol, trial, events.get(trial.trial, ()), Scene(plane))
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
         "zeros": run.read_events(InsertionStart, RollZeroFound),
@@ -77,17 +72,11 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
 
 
 def _draw_insertion(
-    run: Run,
-    protocol: InsertionProtocol,
-    trial: InsertionTrial,
-    events: Sequence[Event],
-    scene: Scene,
-    *,
-    targets: Mapping[int, Sequence[float]],
+    run: Run, protocol: InsertionProtocol, trial: InsertionTrial, events: Sequence[Event], scene: Scene
 ) -> ShownInsertion:
     plans = [event for event in events if isinstance(event, PathSought)]
     figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
-    true_mm, panels = None if trial.markers else targets.get(trial.trial), list[Panel]()
+    true_mm, panels = None if trial.markers else trial.true_target_mm, list[Panel]()
     for event in events:
         scene.take(event)
         if isinstance(event, PathSought) and any(event is plan for plan in _select_plans(plans)):
@@ -98,26 +87,25 @@ def _draw_insertion(
     final = trial.final_frame if panels or trial.final_frame is not None else _find_scene(run, trial)
     if final is not None and scene.start is not None:
         at_s = run.frame_lines[final].t_s - trial.start_t_s
-        moved_mm = true_mm if read_world(run).get("target_moves_mm") else None
+        world = read_world(run)
+        moved_mm = true_mm if world.get("target_moves_mm") else None
         # What the map is off at a target that has not moved, it is off along the true path too.
         placed_mm = trial.target_mm if true_mm is None or moved_mm else true_mm
-        true_path_mm = map_path(trial.true_path_mm, placed_mm[1:], trial.target_mm[1:])
+        map_truth = partial(map_path, true_mm=placed_mm[1:], mapped_mm=trial.target_mm[1:])
         strokes = (
             *scene.draw_places(),
-            *scene.former,
-            *scene.draw_line("former" if scene.taken_mm else "plan", scene.plan_mm),
+            *(() if scene.taken_mm else scene.draw_line("plan", scene.plan_mm)),
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
-            *scene.draw_line("true", true_path_mm),
+            *scene.draw_line("true", map_truth(trial.true_path_mm)),
+            *(_draw_obstacles(trial, scene, map_truth) if world.get("obstacle_shift_sd_mm") else ()),
             *([scene.draw_ring("moved", moved_mm[1:], trial.tolerance_mm)] if moved_mm else ()),
             *_draw_end(trial, scene),
             *_draw_circle(protocol, trial, scene),
         )
         inserted = f"{trial.length_mm or 0.0:.1f} mm inserted, {at_s:.0f} s"
         title = inserted if final == trial.final_frame else "not inserted"
-        occasion = "at the target" if trial.reached else "stopped"
-        panels += _draw_panel(run, final, strokes, scene.plane, (title, occasion))
-    off_mm = None if true_mm is None else math.dist(true_mm[1:], trial.target_mm[1:])
-    return ShownInsertion(trial, tuple(panels), figure, off_mm)
+        panels += _draw_panel(run, final, strokes, scene.plane, (title, trial.stop))
+    return ShownInsertion(trial, tuple(panels), figure)
 
 
 def _draw_end(trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
@@ -130,12 +118,30 @@ def _draw_end(trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
         yield scene.draw_ring("tip", end_mm.tolist(), _RING_MM)
 
 
+def _draw_obstacles(trial: InsertionTrial, scene: Scene, put: Callable[..., FloatArray]) -> Iterator[Stroke]:
+    """Yield the obstacles of a gel that has them elsewhere than the protocol, where the camera sees them."""
+    perspective = Perspective.of(scene.plane)
+    for ball in trial.true_obstacles:
+        (seen_mm,) = put([ball.position_mm[1:]])
+        slope = np.zeros(2) if perspective is None else perspective.find_slope(seen_mm)
+        yield scene.draw_ring("placed", (seen_mm - ball.position_mm[0] * slope).tolist(), ball.radius_mm)
+
+
 def _draw_circle(protocol: InsertionProtocol, trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:
-    """Yield the tightest turn from the start towards a target that lies inside it; it begins with a straight piece."""
-    radius_mm, target_mm = protocol.planner.radius_mm, trial.target_mm[1:]
-    centre_mm = math.copysign(radius_mm, target_mm[0]), protocol.policy.find_acting_mm(0.0)
-    if math.dist(centre_mm, target_mm) < radius_mm:
-        yield scene.draw_ring("turning", centre_mm, radius_mm)
+    """Yield the tightest turn towards a target inside it: from the start, or from where it left no path.
+
+    It begins where a turn of the bevel acts.
+    """
+    radius_mm, start_mm, heading_rad, at_mm = protocol.planner.radius_mm, (0.0, 0.0), 0.0, 0.0
+    if trial.refused == "turning_circle" and (last := scene.last) is not None:
+        start_mm, heading_rad, at_mm = last.estimate_mm, last.heading_rad, last.depth_mm
+        radius_mm = last.radius_mm or radius_mm
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    acts_mm = np.add(start_mm, (protocol.policy.find_acting_mm(at_mm) - at_mm) * np.array((sine, cosine)))
+    aside = np.array((cosine, -sine))
+    centre_mm = acts_mm + math.copysign(radius_mm, aside @ (trial.target_mm[1:] - acts_mm)) * aside
+    if math.dist(centre_mm, trial.target_mm[1:]) < radius_mm:
+        yield scene.draw_ring("turning", centre_mm.tolist(), radius_mm)
 
 
 def _select_plans(plans: Sequence[PathSought]) -> list[PathSought]:
@@ -166,11 +172,13 @@ def _draw_panel(
     if plate is not None:
         lines = [(stroke.name, polyline(stroke.px)) for stroke in strokes]
         words, bar = [(told[0], (0.02 * plate.width, 0.04 * plate.width))], scale_bar(plate.size, plane)
-        at_target = [np.asarray(stroke.px) for stroke in strokes if stroke.name in {"target", "moved"}]
+        obstacles = [stroke.px.mean(axis=0) for stroke in strokes if stroke.name == "obstacle"]
+        words += [(str(number), pixel(px)) for number, px in enumerate(obstacles, start=1)]
+        at_target = [stroke.px for stroke in strokes if stroke.name in {"target", "moved", "tip"}]
         yield Panel(*told, replace(plate, lines=lines, words=words, bar=bar), _frame(at_target))
 
 
-def _frame(outlines: Sequence[Any]) -> str:
+def _frame(outlines: Sequence[FloatArray]) -> str:
     """Return the view box about these outlines, twice as wide; empty without one."""
     if not outlines:
         return ""

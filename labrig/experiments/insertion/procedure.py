@@ -270,13 +270,8 @@ class Insertion:
         self._record_plan(state, None)
         self.find_markers()
         if command.stop is not None:
-            hint = "move the target"
-            if "the target lies" not in command.detail:
-                hint += " or an obstacle"
-            if "no path found" in command.detail:
-                hint += ", or allow more arcs or a longer path"
             told = f"no path, so the needle was not inserted: {command.detail}"
-            raise TargetMissedError(told, hint, reason="no_path")
+            raise TargetMissedError(told, state.refusal.hint if state.refusal else "", reason="no_path")
         self._warn(state)
         return state, command
 
@@ -482,7 +477,8 @@ class Insertion:
                 frame=frame,
                 depth_mm=state.insertion_mm,
                 because=because or str(state.why),
-                refusal=state.refusal,
+                refusal=state.refusal and state.refusal.reason,
+                cause=state.refusal and state.refusal.cause,
                 replans=state.replans,
                 from_mm=state.plan_from_mm,
                 start_mm=state.plan_start[:3, 3].tolist(),

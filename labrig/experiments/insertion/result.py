@@ -16,9 +16,10 @@ from labrig.analysis.result import (
     make_origin_table,
     tabulate,
 )
-from labrig.experiments.insertion.events import SeenMarker, Sighted
+from labrig.experiments.insertion.events import SeenMarker, Sighted, TrueObstacle
 from labrig.protocol.model import Model
 from labrig.steering.problem import Obstacle
+from labrig.steering.refusal import RefusalCause
 from labrig.steering.sighting_noise import SightingNoise
 from labrig.text import interval, number
 from labrig.vision.error_budget import ErrorBudget
@@ -134,11 +135,14 @@ class InsertionTrial(InsertionRow):
     `sigma_target_error_mm` consists of: lens, plane (with the drift between the grid pictures), surface, roll (what the
     depth that is not known makes of the place), lighting, and the reading of the end.
     `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
-    compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
-    of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
-    the live run within a tenth of its standard deviation, as it is with its settings. `target_mm` and
-    `obstacles` are where they were at the start. `marker_ids` are the markers that the target and each obstacle are
-    bound to, the target's first, `marker_steps` what these showed. Errors and clearances are from where they were then.
+    compared, and is no measurement of the error. `bent_radius_mm` is that of the longest stretch between two turns in
+    the final picture; `refused` says why the last search found no path. `mean_nis` is over the steps that were
+    believed; two degrees of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every
+    estimate is the one of the live run within a tenth of its standard deviation, as it is with its settings.
+    `target_mm` and `obstacles` are where they were at the start. `marker_ids` are the markers that the target and each
+    obstacle are bound to, the target's first, `marker_steps` what these showed. Errors and clearances are from where
+    they were then.
+    `true_target_mm` and `true_obstacles` are where they are in a simulated world.
     """
 
     start_t_s: float
@@ -150,7 +154,11 @@ class InsertionTrial(InsertionRow):
     target_error_interval_tip_mm: Point | None = None
     target_error_sources_mm: TargetErrorSources | None = None
     depth: EndDepth | None = None
+    bent_radius_mm: float | None = None
+    refused: RefusalCause | None = None
     true_path_mm: tuple[Point, ...]
+    true_target_mm: tuple[float, float, float] | None = None
+    true_obstacles: tuple[TrueObstacle, ...] = ()
     steps: tuple[InsertionStep, ...]
     as_recorded: bool | None = None
     marker_ids: tuple[int | None, ...] = ()
@@ -233,7 +241,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     lines = (
         TextTable(_HEADS, rows) if measured else None,
         measured
-        and "error mm: by the shaft in the last picture; in space: by that, by the estimate, or by both",
+        and "error mm: by the shaft in the final picture; in space: by that, by the estimate, or by both",
         noise and f"{noise} (estimator.observation_sd_mm, policy.backlash_mm)",
         changed and "this labrig estimates otherwise than the one that made the run, with the same settings",
     )

@@ -163,11 +163,8 @@ def _list_pictures(trial: InsertionTrial, events: Sequence[Event], plane: PlaneM
             yield FilmPicture(event.frame, strokes, caption)
     if trial.final_frame is not None:
         end = *scene.draw_places(), *scene.draw_line("taken", trial.shaft_mm)
-        error = (
-            "not measured"
-            if trial.target_error_mm is None
-            else f"{trial.target_error_mm:.2f} mm from the target in the plane"
-        )
+        off_mm = trial.target_error_mm
+        error = "not measured" if off_mm is None else f"{off_mm:.2f} mm from the target in the plane"
         yield FilmPicture(trial.final_frame, end, f"{trial.outcome}: {error}")
 
 

@@ -1,9 +1,12 @@
 """An insertion in the rerun viewer: target, plan and path in the pictures, and curves of the estimate, as recorded."""
 
 import math
+from collections.abc import Mapping
 from functools import partial
 from itertools import groupby
 from operator import attrgetter
+from pathlib import Path
+from typing import Any
 
 import rerun as rr
 
@@ -12,6 +15,7 @@ from labrig.analysis.result import AnalysisResult
 from labrig.experiments.insertion.events import NIS_95, TipObserved
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.scene import COLOURS, KINDS, Scene
+from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.events import Event, parse_events
 from labrig.record.following import RecordLines
 from labrig.record.reader import Run
@@ -23,6 +27,7 @@ _ADDED = (
     "error/seen - predicted", "nis/NIS", "nis/95 % below",
     "depth/to the target", "depth/to an obstacle", "roll/heading",
 )  # fmt: skip
+_WORDS: Mapping[str, Any] = load_yaml_values(Path(__file__).with_name("event_words.yaml"))
 _PLACES = tuple(rr.new_entity_path(name.split("/")) for name in _ADDED)
 
 
@@ -78,22 +83,3 @@ def _draw_numbers(stream: rr.RecordingStream, scene: Scene, step: TipObserved) -
     for place, value in zip(_PLACES, values, strict=True):
         if value is not None:
             stream.log(place, rr.Scalars(value))
-
-
-_WORDS = {
-    "trial_stop": "insertion {{ trial + 1 }}: {{ outcome | default('stopped') }}{% if error_mm %}, "
-    "{{ '%.2f' % error_mm }} mm from the target{% endif %}",
-    "flip": "bevel turns by {{ '%+.0f' % (to_rad - from_rad) | degrees }}° at {{ '%.1f' % depth_mm }} mm",
-    "plan": "{% if plan.found %}path planned at {{ '%.1f' % depth_mm }} mm ({{ because }}): {{ plan.arcs | count }} "
-    "{{ 'arc' if plan.arcs | count == 1 else 'arcs' }}, {{ '%.0f' % plan.length_mm }} mm{% else %}no path from "
-    "{{ '%.1f' % depth_mm }} mm on: {{ plan.reason }}{% endif %}",
-    "observation": "tip {% if accepted %}seen at {{ '%.1f' % depth_mm }} mm{{ '' if believed else ', not believed' }}"
-    "{% else %}not seen at {{ '%.1f' % depth_mm }} mm: {{ reason }}{% endif %}",
-    "origin": "sheath {% if accepted %}found, {{ '%.2f' % disagreement_mm }} mm from where the encoder puts it"
-    "{% else %}is not where it should be: {{ reason }}{% endif %}",
-    "hold": "needle holds still: {{ detail or stop }}",
-    "markers": "{% for marker in markers %}marker {{ marker.marker_id }} has moved by "
-    "{{ '%.2f' % marker.displacement_mm | norm }} mm"
-    "{{ '' if marker.believed else ', not seen: ' ~ (marker.reason or 'it jumped') }}"
-    "{{ '' if loop.last else '; ' }}{% endfor %}",
-}

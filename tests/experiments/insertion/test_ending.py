@@ -61,7 +61,7 @@ def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
     said = "\n".join(str(line) for line in summarise(content.model_dump(mode="json")))
     assert trial.target_error_interval_by == "shaft_and_estimate"
     assert math.dist(trial.target_error_interval_tip_mm, trial.tip_mm) < 0.3
-    told = ("reached in plane only", "error mm: by the shaft in the last picture; ", "shaft and estimate")
+    told = ("reached in plane only", "error mm: by the shaft in the final picture; ", "shaft and estimate")
     assert all(words in said for words in told)
     measured_since = analyse(run, "out_of_plane.heading_sd_deg_per_root_mm=0.05")
     assert (measured_since.reached, measured_since.causes) == (True, {})

@@ -15,6 +15,7 @@ def init(
     ] = Path(),
 ) -> None:
     """In a lab folder that exists, add the examples that it lacks, and write the schemas anew; keep all other files."""
+    say(f"making a lab folder of {folder.resolve()}")  # before the imports, which take a second
     from labrig.lab import make_lab_folder, read_examples
 
     written, kept = make_lab_folder(folder, {**read_examples(), **make_schemas()})

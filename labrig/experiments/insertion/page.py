@@ -94,7 +94,7 @@ def _draw_insertion(
         map_truth = partial(map_path, true_mm=placed_mm[1:], mapped_mm=trial.target_mm[1:])
         strokes = (
             *scene.draw_places(),
-            *(() if scene.taken_mm else scene.draw_line("plan", scene.plan_mm)),
+            *[*scene.former, *scene.draw_line("former", scene.plan_mm)][:1],
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
             *scene.draw_line("true", map_truth(trial.true_path_mm)),
             *(_draw_obstacles(trial, scene, map_truth) if world.get("obstacle_shift_sd_mm") else ()),

@@ -117,7 +117,7 @@ def _judge_model(found: Intrinsics) -> list[str]:
     if holdout is None or holdout > LARGEST_HOLDOUT_PX:
         known = "cannot be checked" if holdout is None else f"are predicted to {round_up(holdout, 2)} px"
         reasons.append(
-            f"views left out of the fit {known}, the limit is {LARGEST_HOLDOUT_PX:.2f} px: "
+            f"views held out of the fit {known}, the limit is {LARGEST_HOLDOUT_PX:.2f} px: "
             "add sharp views, and check that the board is flat"
         )
     try:

@@ -77,7 +77,7 @@ def test_no_line_ends_before_a_unit_and_the_words_of_the_page_are_explained(page
     assert re.search(r"27\.\d\d\u00a0mm", text)
     shown, _, explained = page.html.replace("\u00a0", " ").partition("<h2>Words</h2>")
     words = re.findall(r"<dt>(.*?)</dt><dd>.{10,}</dd>", explained)
-    assert {"SD", "sheath", "roll zero", "sigma"} <= set(words)
+    assert {"SD", "sheath", "roll zero", "residual"} <= set(words)
     assert "NIS" not in words
     assert [word for word in words if word.lower() not in shown.lower()] == []
 
@@ -103,7 +103,7 @@ def test_what_people_wrote_is_text(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("begin", "pattern"),
     [
-        ("complete", r"the paper found 27\.\d.mm in \w+ gels: .* 3 of 4 insertions measured: .* The rig is simulated"),
+        ("complete", r"3 of 4 insertions measured: .* the paper found 27\.\d.mm in \w+ gels\. .* The rig is simulated"),
         ("by needle and gel", r"10 % gel A N1 2 28\.3\d 0\.4\d\d 2\d\.\d\d to 3\d\.\d\d 0 28\.34 0\.247 28\.30"),
         ("by needle and gel", r"19 % gel B N1 1 2[67]\.\d\d – – 1 27\.13 0\.473 27\.20"),
         ("by needle and gel", r"Mean of the means 27\.6\d ± 0\.\d\d 27\.7 "),
@@ -111,7 +111,7 @@ def test_what_people_wrote_is_text(tmp_path: Path) -> None:
         ("Refused pictures", r"10 3 Of 1\d\.\d mm of needle"),
         ("How sure", r"surface the gel's surface, and glass before it not in the interval not in the interval"),
         ("How sure", r"fit scatter of the edges; the reading of an end 0\.0\d+ 0\.\d+"),
-        ("Provenance", r"recorded with labrig .* measured with labrig .* analysis/001.* scale at the origin"),
+        ("Provenance", r"recorded with labrig .* measured with labrig .* analysis/001.* scale at the sheath's tip"),
         ("In full", r"window_start_mm 4 .* SHA-256 of what was used .* Devices "),
         ("In full", r"exposure_s 0\.01"),
         ("In full", r"drive\.hardware_version 0x6220 .*drive\.software_version 0x2110"),
@@ -221,7 +221,7 @@ def test_a_sweep_tells_its_gels_apart_as_a_comparison_does(tmp_path: Path) -> No
     sweep = SyntheticSweep(radii_mm={"gel A": (28.2, 28.4), "gel B": (26.0, 26.1)})
     words = _words(make_page(record_sweep(tmp_path, sweep)).html)
     assert re.search(
-        r"In the blocks of gel that were measured, the radius differs: 10 % .* 2\.\d\d mm above 19", words
+        r"The softer the block of gel, .*: from 10 to 19 % it falls by 2\.\d\d mm \(95 %: 1\.\d\d to", words
     )
     assert re.search(r"10 % gelatin 19 % gelatin \+2\.\d\d 1\.\d\d to [23]\.\d\d 0\.0\d\d", words)
 

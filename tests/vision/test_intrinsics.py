@@ -118,7 +118,7 @@ REFUSED = {
     "two": (lambda: good_views()[1:3], "cannot be checked"),
     "noisy": (
         lambda: good_views(noise=2.5),
-        "makes radii uncertain by.*views left out of the fit are|views left out of the fit are.*makes radii",
+        "makes radii uncertain by.*views held out of the fit are|views held out of the fit are.*makes radii",
     ),
 }
 

@@ -14,6 +14,7 @@ from labrig.experiments.roll_zero.analysis import find_last_origin
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult, describe_torsion
 from labrig.experiments.shared.roll_zero_events import RollZeroRole
+from labrig.experiments.shared.torsion_bends import BENT_MM
 from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, DrawnFigure, svg
 from labrig.report.page import Page
@@ -30,7 +31,7 @@ _FIRST_DEG = -60.0
 
 def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZeroResult]) -> Page:
     """Return the page of a roll zero: the deflections, the cosine through them, and the pictures."""
-    content, plane = result.content, load_plane_map(run)
+    content, plane, radius_mm = result.content, load_plane_map(run), protocol.needle.design_radius_mm
     residuals_mm = [
         seen - _evaluate_fit_mm(content, roll)
         for roll, seen in zip(content.rolls_rad, content.deflections_mm, strict=True)
@@ -41,15 +42,14 @@ def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZ
         "figure": _draw_figure(content, residuals_mm, "roll-zero") if content.rolls_rad else None,
         "shots": _list_shots(run, content, plane, protocol.roll_zero.length_mm),
         "degrees": math.degrees,
+        "bent_mm": BENT_MM,
         "describe_torsion": describe_torsion,
-        "out_of_plane_mm": lambda length_mm: _leave_plane_mm(length_mm, protocol.needle.design_radius_mm),
+        # How far a degree of roll takes the tip of an arc out of the plane.
+        "out_of_plane_mm": lambda mm: (
+            radius_mm * (1.0 - math.cos(mm / radius_mm)) * math.sin(math.radians(1.0))
+        ),
     }
     return Page(TEMPLATE, plane, shown)
-
-
-def _leave_plane_mm(length_mm: float, radius_mm: float) -> float:
-    """Return how far a degree of roll takes the tip of an arc out of the plane."""
-    return radius_mm * (1.0 - math.cos(length_mm / radius_mm)) * math.sin(math.radians(1.0))
 
 
 def _list_shots(

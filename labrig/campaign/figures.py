@@ -55,7 +55,9 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         drawn = [*known[~np.isnan(known)].tolist(), *([] if result.tolerance is None else [result.tolerance])]
         axes[0].set_xlim(choose_limits(drawn, [arm.ci95 for arm in result.arms]))
         if result.tolerance is not None:
+            axes[0].axvline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
             axes[1].set_xlim(-3, 103)  # room for the caps at 0 and 100
+            axes[1].set_xlabel(f"share within {tell_value(result.tolerance, result.measure)} (%)")
         for place, arm in enumerate(result.arms):
             values = read_values(table[table["arm"] == arm.name], result.measure)
             _draw_arm(axes, place, arm, values.tolist())
@@ -63,9 +65,6 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         axes[0].set_yticks(range(len(names)), names)
         axes[0].set_ylim(len(result.arms) - 0.5, -0.5)
         axes[0].set_xlabel(label_key(result.measure))
-        if result.tolerance is not None:
-            axes[0].axvline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
-            axes[1].set_xlabel(f"share within {tell_value(result.tolerance, result.measure)} (%)")
         if result.pairs:
             _draw_pairs(axes[-1], result)
         for panel in axes:
@@ -193,11 +192,12 @@ def draw_map(
             axes.plot(0, 0, ">k", markersize=9)  # where the needle goes in
         along, upwards = map(label_key, ranges)
         axes.set(xlabel=along, ylabel=upwards)
-        label = f"share within {tell_value(result.tolerance, result.measure)}"
+        sizes = " to ".join(map("{:.0f}".format, sorted({counts[counts > 0].min(), counts.max()})))
+        label = f"share within {tell_value(result.tolerance, result.measure)}\nof {sizes} in each rectangle"
         figure.colorbar(mesh, ax=axes, label=label, format="{x:.0%}")
         return svg(figure, name)
 
 
 def _shorten(name: str) -> str:
-    words = name_settings(name)
+    words = name_settings(name) if "=" in name else f"“{name}”"
     return words if len(words) <= 40 else f"{words[:37]}..."

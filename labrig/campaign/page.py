@@ -54,10 +54,11 @@ def write_page(
     ranks, n = result.rank_correlations, result.done - result.failed
     chance = float(ndtri(1.0 - 0.025 / max(1, sum(map(len, ranks.values()))))) / math.sqrt(max(1, n - 1))
     clear = {of: [key for key, rank in each.items() if abs(rank) > chance] for of, each in ranks.items()}
-    # The keys that the page speaks of are its first figure, unless that is a map or the arms.
+    # The keys that the page speaks of are its first figure, in that order, unless that is a map or the arms.
     strength = {key: max((abs(each.get(key, 0.0)) for each in ranks.values()), default=0.0) for key in ranges}
-    ordered = [] if maps else sorted(ranges, key=lambda key: -strength[key])
-    first = 0 if result.pairs else min(max(1, len(set().union(*clear.values()))), 3)
+    spoken = dict.fromkeys(key for keys in clear.values() for key in keys)
+    ordered = [*dict.fromkeys([*spoken, *sorted(ranges, key=lambda key: -strength[key])])] if not maps else []
+    first = 0 if result.pairs else min(max(1, len(spoken)), 3)
     front = draw_over_points(result, table, ordered[:first], "over-first")
     points = draw_over_points(result, table, ordered[first:], "over-points")
     for figure in (arms := draw_arms(result, table), front, points, *dict(maps).values()):

@@ -66,12 +66,12 @@ def run_campaign(
     DiskError, MachineError
         When it cannot go on; what is done stays done.
     """
-    with attendant.progress("reading the arms", 1.0) as progress:
+    with attendant.progress(Path(file).stem, 1.0) as progress:
         loaded = load_campaign(
             find_protocol_file(Path(file), is_campaign=True),
             settings=settings,
             rig=None if rig is None else Path(rig),
-            progress=lambda share: progress(share, "arms"),
+            progress=lambda share: progress(share, "reading the arms"),
         )
     folder = find_in_lab(CAMPAIGNS) / loaded.file.campaign if out is None else Path(out)
     with (
@@ -98,8 +98,7 @@ def run_campaign(
                 attendant.say(f"report  {write_report(loaded, store).report}")
             raise
         if begin == len(store.rows):
-            tasks = format_count(begin, "task")
-            attendant.say(f"{folder}: the campaign has ended with {tasks}; nothing is left to do")
+            attendant.say(f"{folder} has ended with {format_count(begin, 'task')}; nothing is left to do")
         attendant.say("writing the report")
         return write_report(loaded, store)
 

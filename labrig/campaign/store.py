@@ -123,10 +123,11 @@ def _require_same(path: Path, document: Mapping[str, object]) -> str:
     except (OSError, ValueError, AttributeError) as error:
         raise RecordError(f"{path} is damaged: {error}", _ELSEWHERE) from error
     for key, (there, here) in find_differences(kept, document):
-        raise InputError(
-            f"{path.parent} holds another campaign: {key} is {there} there and {here} here",
-            f"what decides the rows is fixed before the first of them: put it back as it was, or {_ELSEWHERE}",
-        )
+        name = key.removeprefix("installation.")
+        told = f"holds another campaign: {key} is {there} there and {here} here"
+        if name != key:
+            told = f"was begun with another version of {name.replace('source_sha256', 'labrig')}"
+        raise InputError(f"{path.parent} {told}", f"go on with what it was begun with, or {_ELSEWHERE}")
     return describe_change(processor, describe_processor())
 
 

@@ -142,12 +142,12 @@ class LoadedCampaign:
         free = {"title", "tolerance", "base", "rig", "stop_when", *looked_at}
         arms = [arm.describe() for arm in self.arms]
         return {
+            "installation": describe_installation(),
             "rule": None if rule is None else {**rule.model_dump(mode="json"), **looked_at},
             "campaign": self.file.model_dump(mode="json", exclude=free),
             **arms[0],
             "calibration": self.arms[0].calibration,
             "sha256_of_arms": sha256(json.dumps(arms).encode()).hexdigest(),
-            "installation": describe_installation(),
         }
 
 

@@ -8,7 +8,7 @@ from typer import Option
 from labrig.cli.options import CampaignArgument, WorkersOption
 from labrig.cli.output import print_json, print_line, print_table, quote
 from labrig.report.formatting import name_settings
-from labrig.text import interval, number, split_quantity
+from labrig.text import interval, number, split_quantity, tell_value
 
 
 def campaign(
@@ -65,7 +65,8 @@ def _print(campaign: Any) -> None:
     quote(campaign.report)
     if len(rows) > 1:  # the result tells a single one
         unit = split_quantity(result.measure)[1] or ""
-        columns = ("arm", "within tolerance", "95 % interval %", "n")
+        told = "" if result.tolerance is None else tell_value(result.tolerance, result.measure)
+        columns = ("arm", f"within {told}", "95 % interval %", "n")
         heads = (*columns, f"mean {unit}", "95 % interval", f"median {unit}")
         print_table(heads, rows)
     print_line(f"table   {campaign.table}\nreport  {campaign.report}")

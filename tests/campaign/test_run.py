@@ -183,7 +183,7 @@ def test_rows_of_another_labrig_are_not_continued_and_those_of_other_kernels_are
 ) -> None:
     """Of another version they would have other bits; another process, or a folder of something else, is refused."""
     write(tmp_path, ROWS[:2])
-    with pytest.raises(InputError, match=r"installation\.labrig is 1\.0 there and 1\.1 here"):
+    with pytest.raises(InputError, match=r"was begun with another version of labrig$"):
         write(tmp_path, [], installation={"labrig": "1.1"})
     document = json.loads((tmp_path / CAMPAIGN_FILE).read_text())
     document["processor"]["blas_numpy"] = "OpenBLAS Atom"

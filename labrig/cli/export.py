@@ -1,5 +1,6 @@
 """`labrig export`: write a run as tables for other programs, as films for a talk, or copy its record."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -7,10 +8,10 @@ from typing import Annotated, Any
 from typer import Option
 
 from labrig.cli.options import RunArgument
-from labrig.cli.output import print_json, print_line, say
+from labrig.cli.output import print_json, print_line, say, say_failure
 from labrig.cli.progress import show_working
 from labrig.cli.several_runs import report_damage, require_undamaged
-from labrig.errors import InputError, RecordError
+from labrig.errors import InputError, Problem, RecordError
 from labrig.lab import EXPORTS, find_in_lab
 
 Format = StrEnum("Format", ["csv", "parquet", "matlab", "record", "film"])
@@ -23,7 +24,7 @@ def export(
         Option(
             "--format",
             help="csv, parquet: a file for each table; matlab: run.mat, which data/read_run.m reads; record: the "
-            "record itself; film: each insertion as MP4. Repeatable. Default: csv.",
+            "record itself; film: each insertion to a target as MP4. Repeatable. Default: csv.",
         ),
     ] = (Format.csv,),  # type: ignore[assignment]
     out: Annotated[
@@ -42,7 +43,7 @@ def export(
     tables = sorted({str(name) for name in formats if name not in {"record", "film"}})
     if is_copy and len(set(formats)) > 1:
         raise InputError("record goes alone: the folder it writes is a run", "export the tables elsewhere")
-    films = _make_films(opened) if "film" in formats else ()
+    films, unfilmed = _make_films(opened, formats)
     damage = check_run(run).damage if is_copy else opened.damage
     place = find_in_lab(EXPORTS) / run.name if out is None else out
     require_apart(place, run, record=is_copy)
@@ -66,23 +67,33 @@ def export(
                 for film in films:
                     write_film(folder, opened, film)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    print_json({"run": str(run), "out": str(place), "files": files, "ok": not damage})
+    print_json({"run": str(run), "out": str(place), "files": files, "ok": not (damage or unfilmed)})
     for file in [""] if is_copy else files:
         print_line(f"{place}/{file}")
     mains = ("measurements", "insertions", "rows", "result")
     for file in [file for name in mains for file in files if Path(file).stem == name][:1]:
         print_line(f"open {file} first; columns.csv says what each column means")
-    return 0 if report_damage(damage) is None else RecordError.exit_code
+    return _tell_faults(damage, unfilmed)
 
 
-def _make_films(run: Any) -> Any:
-    """Return the films of the newest result. Raises `InputError` when the run has no insertion."""
+def _make_films(run: Any, formats: Sequence[Format]) -> tuple[Any, InputError | None]:
+    """Return the films of the newest result if they are asked for, or why there is none; raise it if no table is."""
+    if "film" not in formats:
+        return (), None
     from labrig.experiments.registry import find_run_experiment, load_run_result
 
     make_films, result = find_run_experiment(run).find_part("make_films"), load_run_result(run)
     films = make_films(run, result.content) if make_films is not None and result is not None else ()
-    if not films:
-        raise InputError(
-            f"{run.path} has no insertion to show as a film", "a film shows how a needle was steered"
-        )
-    return films
+    hint = "a film shows how a needle was steered to a target, as by labrig run insertion; pictures are in frames/"
+    unfilmed = None if films else InputError(f"{run.path} has no insertion to show as a film", hint)
+    if unfilmed is not None and set(formats) == {"film"}:
+        raise unfilmed
+    return films, unfilmed
+
+
+def _tell_faults(damage: Sequence[Problem], unfilmed: InputError | None) -> int:
+    """Say what is damaged or missing, and return the exit code."""
+    if unfilmed is not None:
+        say_failure(unfilmed)
+    exit_code = 0 if unfilmed is None else unfilmed.exit_code
+    return exit_code if report_damage(damage) is None else RecordError.exit_code

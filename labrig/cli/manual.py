@@ -52,9 +52,20 @@ def read_title(page: Path) -> str:
 
 
 def _choose(pages: dict[str, Path], asked: str) -> str:
-    """Return the page of this name, else the one with all these words in its title. Raises `InputError`."""
+    """Return the page of this name, else the one with all these words in its title, or else its text.
+
+    Raises
+    ------
+    InputError
+        For none, or for several, the one that has the words most often first.
+    """
     titles = {name: f"{name} {read_title(page)}".lower() for name, page in pages.items()}
-    found = [name for name, title in titles.items() if all(word in title for word in asked.split())]
+    texts = {name: page.read_text(encoding="utf-8").lower() for name, page in pages.items()}
+    held = (
+        [name for name in pages if all(word in text[name] for word in asked.split())]
+        for text in (titles, texts)
+    )
+    found = sorted(next(filter(None, held), []), key=lambda name: -sum(map(texts[name].count, asked.split())))
     if asked in pages or len(found) == 1:
         return asked if asked in pages else found[0]
     near = found or get_close_matches(asked, pages, 3) or list(pages)

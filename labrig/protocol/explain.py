@@ -104,7 +104,8 @@ class _Spot:
             yield self._refuse_value(path[:-1], f"{_MUST}a list of more entries", self._around)
         elif self.kind == "missing":
             yield tree.fault(path, f"{show_key(path[-1])} is missing", self._here.get("description", ""))
-        else:
+        elif self.kind != "too_short" or len(self._detail["input"]) < self._detail["ctx"]["min_length"]:
+            # pydantic does not count an entry that it has refused, and calls the list too short for it.
             yield self._refuse_value(path, str(raised or self._detail["msg"]), self._here)
 
     def _hint_at_key(self, key: str) -> str:
@@ -139,8 +140,8 @@ def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFa
     """Return the fault of a section whose key `path[-1]` names none of `choices`, or is missing."""
     key, listed = path[-1], ", ".join(map(show_key, choices))
     if not tree.holds(path):
-        hint = f"add a line such as `{key}: {choices[0]}`"
-        return tree.fault(path, f"{key} is missing, must be one of {listed}", hint)
+        message = f"{key} is missing, must be one of {listed}"
+        return tree.fault(path, message, f"add a line such as `{key}: {choices[0]}`")
     chosen = tree.value(path)
     hint = choice_hint(str(chosen), choices)
     return tree.fault(path, f"{key} is {show(chosen)}, must be one of {listed}", hint)

@@ -22,6 +22,7 @@ _FONT, _TEXT_SCALE, _TEXT_PX = cv2.FONT_HERSHEY_SIMPLEX, 0.6, 12
 _WHITE: Colour = (255, 255, 255)
 # Lines are drawn at a sixteenth of a pixel.
 _SHIFT = 4
+_SMOOTH = {"lineType": cv2.LINE_AA, "shift": _SHIFT}
 
 
 def write_film(folder: Path, run: Run, film: Film) -> None:
@@ -49,16 +50,8 @@ def write_film(folder: Path, run: Run, film: Film) -> None:
         writer.write(image)
     writer.release()
     # The writer reports neither a full disk nor a codec that it lacks.
-    if _count_pictures(path) != written + _HELD_PICTURES:
+    if cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) != written + _HELD_PICTURES:
         raise DiskError(f"cannot write {path}", "free space on the disk; nothing else needs the film")
-
-
-def _count_pictures(path: Path) -> int:
-    reader = cv2.VideoCapture(str(path))
-    try:
-        return int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
-    finally:
-        reader.release()
 
 
 def _draw_all(run: Run, film: Film) -> Iterator[NDArray[np.uint8]]:
@@ -79,17 +72,9 @@ def draw_film_picture(image: Picture, picture: FilmPicture) -> NDArray[np.uint8]
     coloured = cv2.cvtColor(smaller, cv2.COLOR_GRAY2BGR) if smaller.ndim == 2 else smaller
     for stroke in picture.strokes:
         corners = np.round(scale * np.asarray(stroke.px) * 2**_SHIFT).astype(np.int32)
-        cv2.polylines(
-            coloured,
-            [corners],
-            isClosed=False,
-            color=stroke.colour[::-1],
-            thickness=stroke.width_px,
-            lineType=cv2.LINE_AA,
-            shift=_SHIFT,
-        )
-    strip = ((0, _STRIP_PX), (0, 0), (0, 0))
-    drawn = np.pad(np.asarray(coloured, dtype=np.uint8), strip)
+        colour, wide_px = stroke.colour[::-1], stroke.width_px
+        cv2.polylines(coloured, [corners], isClosed=False, color=colour, thickness=wide_px, **_SMOOTH)
+    drawn = np.pad(np.asarray(coloured, dtype=np.uint8), ((0, _STRIP_PX), (0, 0), (0, 0)))
     _write_strip(drawn, picture)
     return drawn
 

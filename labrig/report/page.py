@@ -5,6 +5,7 @@ What stands on every page is in `templates/base.html.jinja`: the head, what was 
 
 import re
 import shlex
+import statistics
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -203,6 +204,7 @@ _FILTERS = {
     "time": format_time,
     "told": format_value,
     "medians": _take_medians,
+    "mode": statistics.mode,
     "bind_units": _bind_units,
     "said_in": _select_said,
     "in_words": lambda key: split_key(key)[0].replace("_", " "),

@@ -33,6 +33,7 @@ from labrig.simulation.description import (
 )
 from labrig.simulation.world import World
 from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_trace import tell_too_thin
 
 ENOUGH_CALLS = 2000
 """After so many moves, pictures and questions no further trial is begun."""
@@ -123,6 +124,9 @@ def _open_session(
 
     def make_sight(rig: RigDescription, *, finds_tip: bool = False) -> Sight:
         plane = load_plane_map(rig)
+        unseen = "" if needle is None else tell_too_thin(needle.diameter_mm / plane.mm_per_px)
+        if unseen and isinstance(record, _Watch):
+            record.unfit.append(Problem("needle.diameter_mm", unseen))
         if finds_tip and isinstance(record, _Watch):
             try:
                 load_tip_template(rig, plane)
@@ -151,9 +155,7 @@ class _IdealWorld(World):
         super().__init__(
             WorldDescription(
                 gels=gels,
-                needle=NeedleDescription()
-                if needle is None
-                else NeedleDescription(diameter_mm=needle.diameter_mm),
+                needle=NeedleDescription(**({} if needle is None else {"diameter_mm": needle.diameter_mm})),
                 sheath=SheathDescription(lateral_play_sd_mm=0.0, angle_play_sd_deg=0.0),
                 sheath_tip_at_origin_linear_mm=0.0 if sheath is None else sheath.origin_depth_mm,
             ),
@@ -180,10 +182,7 @@ class _IdealWorld(World):
         return self._find_px(30.0 + 10.0 * asked, 30.0)
 
     def _find_px(self, y: float, z: float) -> tuple[float, float]:
-        if self.plane is None:
-            return 0.0, 0.0
-        u, v = self.plane.to_px([[y, z]])[0]
-        return float(u), float(v)
+        return (0.0, 0.0) if self.plane is None else self.plane.to_pixel((y, z))
 
 
 def _lay_markers(protocol: ExperimentProtocol) -> Iterator[PrintedMarkerDescription]:

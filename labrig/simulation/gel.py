@@ -38,11 +38,12 @@ def interpolate_radius_mm(gels: tuple[GelDescription, ...], gelatin_percent: flo
     """
     percents = [gel.gelatin_percent for gel in gels]
     if not percents[0] <= gelatin_percent <= percents[-1]:
-        message = (
-            f"gelatin of {gelatin_percent:g} % lies outside of what the simulated world describes, "
-            f"{percents[0]:g} to {percents[-1]:g} %"
+        asked, known = f"gelatin of {gelatin_percent:g} %", f"{percents[0]:g} to {percents[-1]:g} %"
+        raise InputError(
+            f"{asked} lies outside of what the simulated world describes, {known}",
+            "a real rig has no such limit; below `world: gels:` of calibration/rig-simulated.yaml, or of --rig, add "
+            f"such a line: - {{gelatin_percent: {gelatin_percent:g}, radius_mean_mm: 27, radius_sd_mm: 0.4}}",
         )
-        raise InputError(message, "add it to `world: gels:` in the rig file; a real rig has no such limit")
     mean = np.interp(gelatin_percent, percents, [gel.radius_mean_mm for gel in gels])
     sd = np.interp(gelatin_percent, percents, [gel.radius_sd_mm for gel in gels])
     return float(mean), float(sd)

@@ -100,9 +100,8 @@ class Widths:
     def widest_px(self) -> float:
         """Width of the widest part of the shaft, as far as it may be off."""
         widest_mm = max(self.sheath_mm or 0.0, _WIDEST * self.needle_mm)
-        return (
-            widest_mm * self.px_per_mm * (_WIDE_MARGIN if widest_mm > _WIDE_SHEATH * self.needle_mm else 1.0)
-        )
+        margin = _WIDE_MARGIN if widest_mm > _WIDE_SHEATH * self.needle_mm else 1.0
+        return widest_mm * self.px_per_mm * margin
 
     @property
     def glint_px(self) -> float:
@@ -233,6 +232,13 @@ def _passes(bars: BarMap, trace: Trace, seed: complex) -> bool:
     return bool(np.hypot(*away.T).min() < bars.widest_px * bars.factor)
 
 
+def tell_too_thin(needle_px: float) -> str:
+    """Return why a needle of so many pixels cannot be measured; empty if it can."""
+    wide = f"the needle is {needle_px:.2g} pixels wide, and {_LEAST_WIDTH_PX} is the least"
+    seen = needle_px >= _LEAST_WIDTH_PX
+    return "" if seen else f"{wide}: use a closer view, or correct needle.diameter_mm"
+
+
 def filter_bars(picture: Picture, widths: Widths) -> BarMap:
     """Return how much each place of a turned grey picture looks like a bar of the stated widths.
 
@@ -248,16 +254,13 @@ def filter_bars(picture: Picture, widths: Widths) -> BarMap:
     MeasurementRefusedError
         If needle or picture has too few pixels.
     """
-    if widths.needle_px < _LEAST_WIDTH_PX:
-        raise MeasurementRefusedError(
-            f"the needle is {widths.needle_px:.1f} pixels wide, and {_LEAST_WIDTH_PX} is the least: use a closer view"
-        )
+    if unseen := tell_too_thin(widths.needle_px):
+        raise MeasurementRefusedError(unseen)
     factor = max(1, round(widths.needle_px / _REDUCED_WIDTH_PX))
     h, w = (side // factor for side in picture.shape)
     if min(h, w) < _LEAST_SIDE_PX:
-        raise MeasurementRefusedError(
-            f"the picture is {picture.shape[1]} x {picture.shape[0]} pixels, too few to show a needle"
-        )
+        size = f"{picture.shape[1]} x {picture.shape[0]} pixels"
+        raise MeasurementRefusedError(f"the picture is {size}, too few to show a needle")
     whole = picture[: h * factor, : w * factor]
     reduced = cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA) if factor > 1 else whole
     glint = int(np.ceil(widths.glint_px / factor)) | 1

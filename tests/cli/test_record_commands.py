@@ -159,6 +159,8 @@ def test_an_export_is_a_folder_of_its_own_and_no_run(
     for form, out in (("csv", "shelf/tables"), ("record", "shelf/copy")):
         done = labrig("export", "shelf/one", "--format", form, "--out", out)
         assert (done.exit_code, "\nopen measurements.csv first" in done.out) == (0, form == "csv")
+    both = labrig("export", "shelf/one", "--format", "film", "--format", "csv", "--out", "shelf/both")
+    assert (both.exit_code, "shelf/both/run.csv" in both.out) == (2, True)
     shutil.move("shelf/two", "shelf/.copy-unfinished")
     listed = labrig("runs", "--runs-dir", "shelf", "--where", "exit_status=success", "--json").json()
     assert sorted(row["run"] for row in listed) == ["shelf/copy", "shelf/one"]

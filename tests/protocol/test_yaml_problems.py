@@ -228,6 +228,7 @@ def test_an_override_replaces_one_value_and_leaves_the_rest():
         ("a..b=3", "--set", "is not an override", "for example"),
         ("a." * 5000 + "b=1", "--set", "is not an override", "for example"),
         ("specimens=[{name: A", "--set specimens", "not YAML", ""),
+        ("specimens=[{name: A, gelatin_percent: 0}]", "--set specimens.0.gelatin_percent", "greater", "[per"),
         ("specimens=[!x {}]", "--set specimens", "the tag !x is not allowed", ""),
     ],
 )

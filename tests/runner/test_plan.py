@@ -12,18 +12,19 @@ from tests.devices.rigs import BENCH, large_rig
 from tests.runner.sessions import ONE_INSERTION, PROTOCOLS, bench, find_problems, plan_of, sweep
 
 LIMITS = [
-    ("insertion.length_mm=500", "insertion", "500 mm is beyond its limits [-2, 120]"),
-    ("insertion.speed_mm_s=50", "insertion", "speed 50 mm/s is not within 0 to 20 mm/s"),
-    ("sheath.speed_mm_s=60", "linear", "speed 60 mm/s is not within 0 to 20 mm/s"),
-    ("sheath.depth_mm=400", "linear", "400 mm is beyond its limits [-5, 150]"),
+    ("insertion.length_mm=500", "rig axes.insertion", "500 mm is beyond its limits [-2, 120]"),
+    ("insertion.speed_mm_s=50", "rig axes.insertion", "speed 50 mm/s is not within 0 to 20 mm/s"),
+    ("sheath.speed_mm_s=60", "rig axes.linear", "speed 60 mm/s is not within 0 to 20 mm/s"),
+    ("sheath.depth_mm=400", "rig axes.linear", "400 mm is beyond its limits [-5, 150]"),
+    ("needle.diameter_mm=0.0012", "needle.diameter_mm", "pixels wide, and 2.5 is the least"),
 ]
 
 
-@pytest.mark.parametrize(("setting", "axis", "told"), LIMITS)
-def test_a_move_beyond_a_limit_is_named_with_both_numbers(setting: str, axis: str, told: str) -> None:
-    """At its axis; it does not end the dry run, so that all of them are told."""
+@pytest.mark.parametrize(("setting", "where", "told"), LIMITS)
+def test_what_is_beyond_a_limit_is_named_with_both_numbers(setting: str, where: str, told: str) -> None:
+    """A move at its axis, a needle that no camera sees; it does not end the dry run, so that all are told."""
     problems = find_problems(sweep(setting), large_rig())
-    assert {problem.where for problem in problems} == {f"rig axes.{axis}"}
+    assert {problem.where for problem in problems} == {where}
     assert any(told in problem.message for problem in problems)
 
 

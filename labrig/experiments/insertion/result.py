@@ -31,8 +31,8 @@ EndSource = Literal["shaft", "shaft_and_estimate", "estimate"]
 _TARGET_AXES = 3
 
 _HEADS = (
-    "insertion", "outcome", "error mm", "in space mm", "by", "true error mm", "true clearance mm", "length mm",
-    "replans",
+    "insertion", "outcome", "error mm", "in space mm", "by", "true error in space mm", "true clearance mm",
+    "length mm", "replans",
 )  # fmt: skip
 
 

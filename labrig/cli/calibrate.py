@@ -87,7 +87,9 @@ def intrinsics(
 def _print_intrinsics(document: Mapping[str, Any]) -> None:
     for name in ("fx", "fy", "cx", "cy"):
         sigma = document["sigma"][name]
-        print_line(f"{name}  {document[name]:9.3f} px" + ("" if sigma is None else f"  ± {sigma:.3f} (SD)"))
+        print_line(
+            f"{name}  {document[name]:9.3f} px" + ("" if sigma is None else f"  ± {sigma:.3f} (1 sigma)")
+        )
     print_line("k1 k2 p1 p2 k3  " + " ".join(f"{value:.5f}" for value in document["distortion"]))
     print_line(
         f"residual {document['rms_px']:.3f} px rms, held out {number(document['holdout_rms_px'])} px rms"

@@ -45,9 +45,7 @@ def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZ
         "bent_mm": BENT_MM,
         "describe_torsion": describe_torsion,
         # How far a degree of roll takes the tip of an arc out of the plane.
-        "out_of_plane_mm": lambda mm: (
-            radius_mm * (1.0 - math.cos(mm / radius_mm)) * math.sin(math.radians(1.0))
-        ),
+        "out_of_plane_mm": lambda mm: radius_mm * (1.0 - math.cos(mm / radius_mm)) * math.radians(1.0),
     }
     return Page(TEMPLATE, plane, shown)
 

@@ -77,7 +77,7 @@ def test_no_line_ends_before_a_unit_and_the_words_of_the_page_are_explained(page
     assert re.search(r"27\.\d\d\u00a0mm", text)
     shown, _, explained = page.html.replace("\u00a0", " ").partition("<h2>Words</h2>")
     words = re.findall(r"<dt>(.*?)</dt><dd>.{10,}</dd>", explained)
-    assert {"SD", "sheath", "roll zero", "residual"} <= set(words)
+    assert {"SD", "sheath", "roll zero", "median"} <= set(words)
     assert "NIS" not in words
     assert [word for word in words if word.lower() not in shown.lower()] == []
 

@@ -44,6 +44,7 @@ _QUANTITIES = {
     "target_error": "error at the target",
     "true_min_clearance": "true least clearance",
     "min_clearance": "least clearance",
+    "worst_error": "largest error of one insertion",
     "planner radius": "planned radius",
     "out of plane heading SD": "assumed wandering out of the plane",
     "disturbances heading": "wandering of the heading",
@@ -61,9 +62,9 @@ def split_quantity(column: str) -> tuple[str, str | None]:
     """Return what a column holds in words, and its unit; None without one: `radius_mm` is ("radius", "mm")."""
     last = column.rpartition(".")[2]
     parts = _WITH_UNIT.fullmatch(last)
-    name = parts[1] if parts else last
+    row, colon, name = (parts[1] if parts else last).rpartition(": ")
     words = re.sub(r"\bsd\b", "SD", name.replace("_", " ").replace("ci95", "95 % interval"))
-    return _QUANTITIES.get(name, words), _UNITS[parts[2]] if parts else None
+    return row + colon + _QUANTITIES.get(name, words), _UNITS[parts[2]] if parts else None
 
 
 def split_key(key: str) -> tuple[str, str | None]:

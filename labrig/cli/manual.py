@@ -17,7 +17,7 @@ SITE = SOURCE / "site"
 
 def manual(
     topic: Annotated[
-        list[str] | None, Argument(metavar="[TOPIC]", help="Name of a page, or words of its title.")
+        list[str] | None, Argument(metavar="[TOPIC]", help="Name of a page, or words of its title or text.")
     ] = None,
 ) -> None:
     """Open the page in a browser if there is a display, and print where it is; without TOPIC, list the pages."""

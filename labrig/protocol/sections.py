@@ -60,7 +60,7 @@ class ExperimentProtocol(Model):
     notes: Notes = ""
     """Anything worth knowing later; may have several lines."""
     seed: Seed
-    """Seed of every random draw; the same seed gives the same simulated run."""
+    """Seed of every random draw; the same seed and names give the same simulated run."""
 
     @property
     def pictured_needle(self) -> NeedleInPicture | None:

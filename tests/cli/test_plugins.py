@@ -168,10 +168,8 @@ def test_what_a_package_measures_wrongly_is_its_own_fault(
     ran = measure("{'u': float('nan')}", "{'mean_px': float('nan'), 'rows': len(rows)}", *of_run)
     assert "then: the needle is in simulated gel" in ran.err  # its procedure did not take it out
     done = ran.json()
-    assert (done["result"]["rows"][0]["u_px"], done["result"]["conclusion"]) == (
-        None,
-        {"mean_px": None, "rows": 1},
-    )
+    told = (done["result"]["rows"][0]["u_px"], done["result"]["conclusion"])
+    assert told == (None, {"mean_px": None, "rows": 1})
     for found, concluded, words in (
         ("[1.0]", "{}", "'list' object has no attribute 'keys'"),
         ("{'insertion_mm': 1.0}", "{}", "insertion_mm is a column of every picture"),

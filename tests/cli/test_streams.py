@@ -164,9 +164,8 @@ def test_the_bar_is_gone_while_a_question_is_asked_and_comes_back(columns: int) 
     shown = re.sub(r"\x1b\[[0-9;?]*\w", "", bar.rpartition("\x1b[2K")[2])
     assert " 50 %" in shown
     if columns == 80:
-        assert re.search(
-            r" 50 % \S{12,} \d:\d\d:\d\d left [-\d]:[-\d]+:[-\d]+ gel 10 %, insertion 3 .*…", shown
-        )
+        line = r" 50 % \S{12,} \d:\d\d:\d\d left [-\d]:[-\d]+:[-\d]+ gel 10 %, insertion 3 .*…"
+        assert re.search(line, shown)
     assert re.sub(r"\x1b\[\?25h|\r", "", result) == "result"
 
 

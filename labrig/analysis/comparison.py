@@ -30,7 +30,7 @@ from labrig.protocol.model import Model
 from labrig.record.difference import find_differences
 from labrig.record.json_lines import flatten
 from labrig.record.layout import RIG
-from labrig.steering.parameters import PAPER_SECTIONS
+from labrig.steering.parameters import PAPER_SECTIONS, SECTIONS
 from labrig.text import format_count, split_key, split_quantity, tell_value
 
 DEFAULT_QUANTITIES = ("radius_mm", "target_error_mm")
@@ -340,10 +340,10 @@ def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]
             for run, value in zip(runs, values, strict=True):
                 alike["not stated" if value is None else tell_value(value, key)].append(run.name)
             words = (f"{value} in {_list_some(names)}" for value, names in alike.items())
-            told[key.removeprefix("analysis.")] = f"{split_key(key)[0]} ({'; '.join(words)})"
+            name = key if key.split(".")[0] in SECTIONS else split_key(key)[0]
+            told[key.removeprefix("analysis.")] = f"{name} ({'; '.join(words)})"
     if told:
-        sections = list(dict.fromkeys(key.partition(".")[0].replace("_", " ") for key in told))
-        named = " and ".join(filter(None, (", ".join(sections[:-1]), sections[-1])))
+        named = ", ".join(dict.fromkeys(key.partition(".")[0].replace("_", " ") for key in told))
         many = f"{named}: the page lists them under What was done"
         yield f"The settings of the runs differ in {', '.join(told.values()) if len(told) <= _MOST_KEYS else many}."
 

@@ -42,6 +42,7 @@ def compare(
     from labrig.analysis.comparison import compare_runs
     from labrig.analysis.measurements import open_measured_runs
     from labrig.library.door import differences
+    from labrig.report.comparison_page import shorten_runs
 
     paths = choose_runs(run_paths, where, runs_dir, "compare")
     with show_working("reading the runs"):
@@ -60,7 +61,7 @@ def compare(
         "report": str(folder / "report.html"),
     }
     print_json(document)
-    _print(document)
+    _print(document | shorten_runs(compared.comparison)[0].model_dump(mode="json"))
     failed = [run.error.exit_code for run in left_out if where is None or isinstance(run.error, RecordError)]
     return failed[0] if failed else 0
 
@@ -88,12 +89,8 @@ def _print(document: Mapping[str, Any]) -> None:
     if any(group["n"] > 1 for group in found):
         print_table(("group", "n", f"mean{unit}", f"SD{unit}", f"95 % interval{unit}"), groups)
     pairs = [
-        [
-            f"{pair['a']} - {pair['b']}",
-            *_tell(pair, ("difference",), digits),
-            None if pair["p"] is None else f"{pair['p']:.4g}",
-        ]
-        for pair in document["pairs"]
+        [f"{of['a']} - {of['b']}", *_tell(of, ("difference",), digits), of["p"] and f"{of['p']:.4g}"]
+        for of in document["pairs"]
     ]
     if len(pairs) > 1:  # the headline tells a single one
         ci95 = f"95 % interval{unit}, all {len(pairs)} pairs together"

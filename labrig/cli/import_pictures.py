@@ -89,9 +89,7 @@ def _find_pictures(folder: Path) -> dict[Path, list[Path]]:
         raise InputError(f"{folder} is not a folder", "name a folder of pictures")
     found = {}
     for place in (folder, *sorted(path for path in folder.iterdir() if path.is_dir())):
-        files = (
-            path for path in place.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES and path.is_file()
-        )
+        files = (one for one in place.iterdir() if one.suffix.lower() in PICTURE_SUFFIXES and one.is_file())
         if pictures := sorted(files, key=number_order):
             found[place] = pictures
     if not found:

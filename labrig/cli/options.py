@@ -49,9 +49,7 @@ def _complete_run(incomplete: str) -> list[str]:
     """Return the names of runs that begin so, newest first, as the names of most begin with their time."""
     names: list[str] = []
     with suppress(OSError):
-        names = sorted(
-            (path.name for path in choose_runs_dir().path.iterdir() if path.is_dir()), reverse=True
-        )
+        names = sorted((run.name for run in choose_runs_dir().path.iterdir() if run.is_dir()), reverse=True)
     return [name for name in (str(LAST), *names) if name.startswith(incomplete) and name[0] != "."]
 
 

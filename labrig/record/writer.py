@@ -473,9 +473,7 @@ def _reopen(path: Path, lock: FileLock) -> Recorder:
     if manifest["exit_status"] == "success":
         raise RecordError(f"{path} has come to its end; nothing can be added to it")
     reopened = manifest | {"exit_status": layout.INCOMPLETE, "reason": None, "ended": None, "summary": None}
-    opening = {
-        name: sha256 for name, sha256 in layout.read_sums(path).items() if layout.is_opening_file(name)
-    }
+    opening = {name: sha for name, sha in layout.read_sums(path).items() if layout.is_opening_file(name)}
     with disk_errors(path):
         _drop_leftovers(path)
         write_atomically(path / layout.MANIFEST, encode_manifest(reopened))

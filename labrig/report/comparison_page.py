@@ -1,8 +1,12 @@
 """The page, the figure and the tables of a comparison, in a folder of their own."""
 
-from collections.abc import Sequence
+import os
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
+from string import ascii_uppercase
 
 import matplotlib as mpl
 import numpy as np
@@ -30,6 +34,7 @@ TABLE_FILES = ("measurements.csv", "measurements.json")
 DOCUMENT_FILE = "comparison.json"
 MOST_GROUPS = 40
 """More rows than that are a carpet; the table has them."""
+_LONGEST_NAME = 16
 _MOST_VECTORS = 300
 """Points of a group that are drawn one by one; more of them become a picture, which is smaller."""
 
@@ -53,12 +58,15 @@ def write_comparison(
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
     write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
+    named, (content, letters) = content, shorten_runs(content)
+    groups = {of.name: short.name for of, short in zip(named.groups, content.groups, strict=True)}
+    table = table.assign(run=table["run"].replace(letters), group=table["group"].replace(groups))
+    used = [run.run for run in measured if run.about in named.used]
     ends = _name_ends(content.quantity, table)
     figure = draw_groups(content, table, ends) if len(content.groups) <= MOST_GROUPS else None
     if figure is not None:
         write_figure(folder, figure)
     decimals = count_decimals([each.ci95 for each in content.groups], [each.mean for each in content.groups])
-    used = {run.name: run.run for run in measured if run.about in content.used}
     shown = {
         "content": content,
         "quantity": split_quantity(content.quantity)[0],
@@ -66,9 +74,10 @@ def write_comparison(
         "figure": figure,
         "ends": ends,
         "decimals": max(2, decimals),
-        "runs": used,
-        "conditions": [*list_conditions(*used.values())],
-        "records": records,
+        "letters": letters,
+        "runs": dict(zip((run.run for run in content.used), used, strict=True)),
+        "conditions": [*list_conditions(*used)],
+        "records": table.astype(object).where(table.notna(), None).to_dict("records"),
         "paper": PAPER_SECTIONS,
         "sections": SECTIONS,
         "code_here": describe_installation(),
@@ -76,9 +85,22 @@ def write_comparison(
     }
     filters = {
         "checksum": read_checksum,
+        "link": lambda run: Path(os.path.relpath(run / REPORT_FILE, folder)).as_posix(),
         "with_unit": lambda value, key: UNKNOWN if value is None else tell_value(format_value(value), key),
     }
     write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)
+
+
+def shorten_runs(content: Comparison) -> tuple[Comparison, Mapping[str, str]]:
+    """Return a comparison by run with letters where names are too long for a figure, and the letter of each name."""
+    names = [run.run for run in content.used]
+    if "run" not in content.by or max(map(len, names)) <= _LONGEST_NAME or len(names) > len(ascii_uppercase):
+        return content, {}
+    letters = {name: f"run {letter}" for name, letter in zip(names, ascii_uppercase, strict=False)}
+    # A name may be part of another one, or of a key.
+    whole = re.compile(rf"(?<![\w-])({'|'.join(map(re.escape, names))})(?![\w-]|\":)")
+    text = whole.sub(lambda found: letters[found[0]], content.model_dump_json())
+    return Comparison.model_validate_json(text), letters
 
 
 def draw_groups(comparison: Comparison, table: pd.DataFrame, ends: tuple[str, str] | None) -> DrawnFigure:
@@ -95,7 +117,7 @@ def draw_groups(comparison: Comparison, table: pd.DataFrame, ends: tuple[str, st
         figure = Figure(figsize=(9.6, height_in), layout="constrained")
         axes = figure.subplots()
         shown = [*alone[[*(ends or ())]].stack(), *rows["true" if in_space else "value"].dropna()]
-        intervals = [] if in_space else [limits for g in groups for limits in (g.ci95, g.ci95_with_shared)]
+        intervals = [] if in_space else [group.ci95_with_shared or group.ci95 for group in groups]
         axes.set_xlim(choose_limits(shown, intervals))
         if "error" in comparison.quantity:
             axes.set_xlim(left=0.0)  # the distance from a target is never negative
@@ -104,7 +126,7 @@ def draw_groups(comparison: Comparison, table: pd.DataFrame, ends: tuple[str, st
                 _draw_group(axes, number, group, part, comparison.unit_of_analysis)
             if ends is not None and (in_space or len(part) == 1):
                 _draw_readings(axes, places[number], part, ends, mark(number).colour)
-        axes.set_yticks(places, [f"{group.name[:32]}\nn = {group.n}" for group in groups])
+        axes.set_yticks(places, [f"{textwrap.fill(group.name, 32)}\nn = {group.n}" for group in groups])
         axes.set_ylim(lines.sum() - 0.5, -0.6)
         axes.set_xlabel(label_key(comparison.quantity).replace(" (", " in space (" if in_space else " ("))
         axes.grid(visible=True, axis="x")
@@ -128,20 +150,17 @@ def _draw_readings(axes: Axes, place: float, rows: pd.DataFrame, ends: tuple[str
 
 
 def _draw_group(axes: Axes, place: int, group: Group, rows: pd.DataFrame, unit: Unit) -> None:
-    """Draw measurements as dots, the means of blocks as rings, and the mean of the group with both intervals."""
+    """Draw measurements as dots, the means of blocks as rings, and the mean of the group with its interval."""
     look, values = mark(place), rows["value"].tolist() if len(rows) > 1 else []
     # Spread in a fixed pattern, so that equal values do not cover each other.
     up = place - 0.25 + 0.035 * (np.arange(len(values)) % 5 - 2)
-    dots = axes.plot(
-        values, up, look.marker, color=look.colour, markersize=4.2, alpha=0.85, markeredgewidth=0
-    )
+    dots = axes.plot(values, up, look.marker, c=look.colour, markersize=4.2, alpha=0.85, markeredgewidth=0)
     dots[0].set_rasterized(len(values) > _MOST_VECTORS)
     if unit == "specimen":
         blocks = rows.groupby("block")["value"].mean()
         rings = np.full(len(blocks), place - 0.12)
         axes.plot(blocks, rings, "o", color=look.colour, markersize=6, fillstyle="none")
     if group.mean is not None:
-        for ends, width in ((group.ci95_with_shared, 1.0), (group.ci95, 2.4)):
-            if ends is not None:
-                draw_interval(axes, ends, place, look.colour, width=width)
+        if ends := group.ci95_with_shared or group.ci95:
+            draw_interval(axes, ends, place, look.colour, width=2.4)
         axes.plot(group.mean, place, look.marker, color=look.colour, markersize=7)

@@ -108,10 +108,9 @@ def _list_fields(fields: Mapping[str, Any]) -> str:
             if unit == "rad":
                 value, unit = math.degrees(float(value)), "degrees"
             value = float(f"{value:.4g}") if isinstance(value, float) else value
-            shown = format_value(
-                value + 1 if name in _COUNTED_FROM_ZERO and isinstance(value, int) else value
-            )
-            told.append(f"{words} {shown} {unit or ''}".rstrip())
+            if name in _COUNTED_FROM_ZERO and isinstance(value, int):
+                value += 1
+            told.append(f"{words} {format_value(value)} {unit or ''}".rstrip())
     return ", ".join(told)
 
 

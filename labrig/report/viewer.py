@@ -187,6 +187,4 @@ def _start(command: Sequence[str], *, with_parent: bool) -> subprocess.Popen[byt
 
 def _without_usage_data(environment: Mapping[str, str]) -> dict[str, str]:
     """Return an environment in which the viewer sends no usage data: it never does where CI is set."""
-    return {name: value for name, value in environment.items() if name != "FORCE_RERUN_ANALYTICS"} | {
-        "CI": "1"
-    }
+    return {key: value for key, value in environment.items() if key != "FORCE_RERUN_ANALYTICS"} | {"CI": "1"}

@@ -107,7 +107,7 @@ def _show(path: Path, outcome: Any) -> Row:
         if old.content.overrides == outcome.content.overrides:
             print_agreement(found, place, ("before", "now"))
         elif first is not None:
-            changed = "" if frame is None else f"; frame {frame} is the first picture whose numbers changed"
+            changed = "" if frame is None else f"; the first that changed is {place}"
             print_line(f"other settings gave other numbers{changed}")
         row |= {"verdict": str(found.verdict), "largest": found.largest}
         row["first_difference"] = None if first is None else {**asdict(first), "frame": frame}

@@ -1,6 +1,7 @@
 """Films of recorded pictures with lines over them: MP4 with VP9, which browsers and OpenCV's own writer have."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -56,11 +57,8 @@ def write_film(folder: Path, run: Run, film: Film) -> None:
 
 def _draw_all(run: Run, film: Film) -> Iterator[NDArray[np.uint8]]:
     for picture in film.pictures:
-        try:
-            image = run.read_frame(picture.frame)
-        except RecordError:
-            continue
-        yield draw_film_picture(image, picture)
+        with suppress(RecordError):
+            yield draw_film_picture(run.read_frame(picture.frame), picture)
 
 
 def draw_film_picture(image: Picture, picture: FilmPicture) -> NDArray[np.uint8]:

@@ -107,7 +107,7 @@ def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, shelf: Path) -> Non
     assert [Path(row["analysis"]).name for row in own] == ["003", "002"]
     assert [(row["parent"], row["first_difference"]) for row in own] == [(1, None), (1, None)]
     printed = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=3").out
-    assert len(re.findall(r"other numbers; frame \d+ is the first picture", printed)) == 2
+    assert len(re.findall(r"other numbers; the first that changed is in frame \d+\n", printed)) == 2
     assert "old: analysis/003, the run's own settings" in printed
     assert "new: analysis/004, analysis.window_start_mm=3" in printed
 

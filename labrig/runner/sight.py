@@ -23,7 +23,7 @@ from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.marker import MarkerFix, find_markers
-from labrig.vision.picture import Mask, Picture, load_mask
+from labrig.vision.picture import Picture, load_mask
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_check import GridCheck, check_grid
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
@@ -78,7 +78,8 @@ class Sight:
 
     def __init__(self, rig: RigDescription, *, finds_tip: bool = False) -> None:
         self.plane = load_plane_map(rig)
-        self._mask = load_rig_mask(rig)
+        mask = rig.calibration_file("mask")
+        self._mask = None if mask is None else load_mask(mask)
         self._template = load_tip_template(rig, self.plane) if finds_tip else None
 
     def find_tip(
@@ -145,12 +146,6 @@ def load_tip_template(rig: RigDescription, plane: PlaneMap) -> TipTemplate:
             "labrig calibrate template makes one; see calibration:",
         )
     return load_template(template).relative_to(plane.insertion)
-
-
-def load_rig_mask(rig: RigDescription) -> Mask | None:
-    """Return the mask of a rig; None if its file names none. Raises `InputError` when it cannot be read."""
-    mask = rig.calibration_file("mask")
-    return None if mask is None else load_mask(mask)
 
 
 def load_plane_map(rig: RigDescription) -> PlaneMap:

@@ -212,11 +212,8 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
         session.ask(ConfirmStance(run_name, insertion_mm, rotation_rad, linear_mm, lost))
         session.rig.assume_positions({name: assumed[name] for name in lost})
     moves = plan_reverse_moves((*path, session.read_positions()))
-    session.ask(ConfirmWithdrawal(tuple(_describe_move(move) for move in moves)))
+    units = {"rotation": "rad"}
+    told = (f"{move.axis} to {move.position:.1f} {units.get(move.axis, 'mm')}" for move in moves)
+    session.ask(ConfirmWithdrawal(tuple(told)))
     session.rig.needle.mark_in_tissue(session.run_name)
     withdraw(session, path)
-
-
-def _describe_move(move: ReverseMove) -> str:
-    unit = "rad" if move.axis == "rotation" else "mm"
-    return f"{move.axis} to {move.position:.1f} {unit}"

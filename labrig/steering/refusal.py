@@ -45,9 +45,8 @@ def _explain_out_of_reach(around: Surroundings, distance: float) -> Refusal | No
     inside_mm = radius_mm - math.hypot(lateral - radius_mm, z)
     if inside_mm > tolerance_mm:
         inside = f"the target lies {inside_mm:.1f} mm inside the turning circle of {radius_mm:.1f} mm radius"
-        beside = f"{lateral:.1f} mm beside the needle and {z:.1f} mm ahead"
         by = f"by {inside_mm - tolerance_mm:.1f} mm or more, away from the middle of the circle"
-        return f"{inside}, {beside}", "turning_circle", f"{_AWAY} {by}"
+        return inside, "turning_circle", f"{_AWAY} {by}"
     if lateral - tolerance_mm > _widest_lateral_mm(z + tolerance_mm, radius_mm):
         beside = f"the target lies {lateral:.1f} mm beside the needle"
         return f"{beside}: the path would turn by more than 90 degrees", "out_of_reach", _AWAY

@@ -10,7 +10,7 @@ better than they say, and larger where it is seen worse or moves otherwise (Bar-
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
@@ -19,9 +19,10 @@ from scipy.optimize import minimize_scalar
 from scipy.special import gammaincinv
 
 from labrig.needle.kinematics import FloatArray
-from labrig.steering.cavities import start_belief
+from labrig.steering.cavities import TipBelief, start_belief
 from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.state import SteeringState, take_in_sighting, turn_bevel
+from labrig.steering.tip import CURVATURE, EstimatorSettings
 
 # A mean NIS outside of this share of all insertions whose settings fit is an alarm.
 _USUAL_SHARE = 0.999
@@ -49,7 +50,7 @@ class SightingNoise:
     `mean_nis` is over the sightings that were believed in all insertions; where the settings fit it is within
     `usual_nis` in 99.9 % of all runs. Measured values are None where too few sightings, or turns, tell them.
     `advised_observation_sd_mm` is the measured one, and at least what a template reads a tip off that is bent to the
-    other side: with less, that counts as motion.
+    other side: with less, that counts as motion. `radius_mm` is that of the needle, whatever the protocol states.
     """
 
     mean_nis: float
@@ -62,6 +63,8 @@ class SightingNoise:
     stated_backlash_mm: float
     backlash_mm: float | None
     backlash_sd_mm: float | None
+    radius_mm: float | None = None
+    radius_sd_mm: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +117,7 @@ def measure_noise(
     fitting = with_observation_sd(stated, advised_mm or TEMPLATE_BIAS_MM)
     steady = [insertion.leave_out_swings() for insertion in insertions]
     backlash_mm, backlash_sd_mm = measure_backlash(steady, fitting) or (None, None)
+    radius_mm, radius_sd_mm = measure_radius(insertions, stated) or (None, None)
     return SightingNoise(
         mean_nis=mean,
         usual_nis=(low, high),
@@ -125,6 +129,8 @@ def measure_noise(
         stated_backlash_mm=stated.policy.backlash_mm,
         backlash_mm=backlash_mm,
         backlash_sd_mm=backlash_sd_mm,
+        radius_mm=radius_mm,
+        radius_sd_mm=radius_sd_mm,
     )
 
 
@@ -148,7 +154,9 @@ def measure_sighting_sd(insertions: Sequence[SeenInsertion], settings: SteeringS
         return _find_cost(insertions, with_observation_sd(settings, math.exp(log_sd)))
 
     found = _find_minimum(cost, np.log(_SDS_MM), _LOG_SD_EXACT, _LOG_SD_STEP)
-    return None if found is None else (math.exp(found[0]), math.exp(found[0]) * found[1])
+    # So many sightings tell it no better, however sharp the likelihood where one falls out of the gate.
+    least = 0.5 / math.sqrt(sightings)
+    return None if found is None else (math.exp(found[0]), math.exp(found[0]) * max(found[1], least))
 
 
 def measure_backlash(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> Measured | None:
@@ -164,6 +172,23 @@ def measure_backlash(insertions: Sequence[SeenInsertion], settings: SteeringSett
     return _find_minimum(cost, _BACKLASHES_MM, _BACKLASH_EXACT_MM, _BACKLASH_STEP_MM)
 
 
+def measure_radius(insertions: Sequence[SeenInsertion], stated: SteeringSettings) -> Measured | None:
+    """Return the needle's radius; None for a needle that may be straight.
+
+    It is by the default filter, which begins with the stated radius, as uncertain as it is long.
+    """
+    radius_mm, sd_mm, measured = stated.estimator.radius_mm, stated.estimator.radius_mm, None
+    for insertion in (one for one in insertions if one.sightings):
+        wide = {"method": "error-state", "radius_mm": radius_mm, "radius_sd_mm": sd_mm}
+        estimator = EstimatorSettings(**stated.estimator.model_dump() | wide)
+        tip = [*_follow(insertion, replace(stated, estimator=estimator))][-1].tip
+        sd = math.sqrt(tip.covariance[CURVATURE, CURVATURE])
+        if tip.curvature < 3.0 * sd:
+            return None
+        measured = radius_mm, sd_mm = 1.0 / tip.curvature, sd / tip.curvature**2
+    return measured
+
+
 def _find_minimum(
     cost: Callable[[float], float], coarse: FloatArray, exact: float, step: float
 ) -> tuple[float, float] | None:
@@ -177,14 +202,15 @@ def _find_minimum(
 
 def _find_cost(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> float:
     """Return minus the log-likelihood of all sightings."""
-    cost = 0.0
-    for insertion in insertions:
-        belief = start_belief(insertion.start.tip.pose, settings.estimator)
-        state = replace(insertion.start, belief=belief)
-        for part in insertion.way:
-            if isinstance(part, float):
-                state = turn_bevel(state, part, settings)
-            else:
-                state = take_in_sighting(state, part, settings)
-                cost -= 0.0 if part.position_mm is None else state.belief.log_evidence
-    return cost
+    return -math.fsum(belief.log_evidence for one in insertions for belief in _follow(one, settings))
+
+
+def _follow(insertion: SeenInsertion, settings: SteeringSettings) -> Iterator[TipBelief]:
+    """Yield what is believed of the tip after each picture."""
+    state = replace(insertion.start, belief=start_belief(insertion.start.tip.pose, settings.estimator))
+    for part in insertion.way:
+        if isinstance(part, float):
+            state = turn_bevel(state, part, settings)
+        else:
+            state = take_in_sighting(state, part, settings)
+            yield state.belief

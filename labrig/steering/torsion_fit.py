@@ -97,9 +97,10 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
         If the needle bends otherwise than expected.
     """
     depths_mm = _list_depths_mm(bends)
-    solved = least_squares(
-        _find_residuals, _guess(bends, depths_mm, radius_mm), args=(bends, depths_mm, lengths), method="lm"
-    )
+    # It starts without a lag, at the expected radius and the mean deflection at each depth.
+    means_mm = [np.mean([bend.turned_mm for bend in bends if bend.depth_mm == depth]) for depth in depths_mm]
+    guess = np.array((0.0, 0.0, radius_mm, *means_mm))
+    solved = least_squares(_find_residuals, guess, args=(bends, depths_mm, lengths), method="lm")
     lag_rad, per_mm, radius = (float(value) for value in solved.x[:3])
     _refuse_unexpected(radius, radius_mm, lag_rad, lag_rad + per_mm * depths_mm[-1])
     residuals, slopes = np.asarray(solved.fun), np.asarray(solved.jac)
@@ -147,12 +148,6 @@ def _refuse_unexpected(radius_mm: float, expected_mm: float, lag_rad: float, dee
         "degrees at most are expected",
         "look at the pictures, at needle and gel",
     )
-
-
-def _guess(bends: Sequence[TorsionBend], depths_mm: Sequence[float], radius_mm: float) -> FloatArray:
-    """Return a start of the fit: no lag, the expected radius, and the mean deflection at each depth."""
-    means_mm = [np.mean([bend.turned_mm for bend in bends if bend.depth_mm == depth]) for depth in depths_mm]
-    return np.array((0.0, 0.0, radius_mm, *means_mm))
 
 
 def _find_residuals(

@@ -7,6 +7,7 @@ from itertools import chain
 import numpy as np
 import pytest
 
+from labrig.steering import sighting_noise
 from labrig.steering.parameters import SteeringPolicy
 from labrig.steering.policy import SteeringSettings
 from labrig.steering.problem import PlanProblem
@@ -51,11 +52,19 @@ def test_the_backlash_is_measured() -> None:
     assert sd_mm < 0.5
 
 
+def test_the_radius_is_measured_whatever_is_stated() -> None:
+    """Within two of its standard deviations, and to 5 %, where the protocol states 1.4 times as much."""
+    stated = replace(STATED, estimator=STATED.estimator.model_copy(update={"radius_mm": 1.4 * RADIUS_MM}))
+    measured_mm, sd_mm = sighting_noise.measure_radius([see(0.03, 2)], stated) or (0.0, 0.0)
+    assert abs(measured_mm - RADIUS_MM) < 2.0 * sd_mm < 0.1 * RADIUS_MM
+
+
 def test_too_few_sightings_tell_nothing() -> None:
-    """Fewer than twenty sightings give no noise, and one turn no backlash."""
+    """Fewer than twenty sightings give no noise, one turn no backlash, and a needle still straight no radius."""
     short = SeenInsertion(begin_steering(STATED), see(0.03, 2).way[:10])
     assert measure_sighting_sd([short], STATED) is None
     assert measure_backlash([short], STATED) is None
+    assert sighting_noise.measure_radius([replace(short, way=short.way[:2])], STATED) is None
     assert measure_noise([], [2.0] * 19, STATED) is None
 
 

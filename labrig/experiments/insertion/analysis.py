@@ -8,10 +8,8 @@ would have been estimated of the path that the needle took.
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,7 +23,6 @@ from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.insertion.aim import Aim
 from labrig.experiments.insertion.ending import (
-    SWINGS_MM,
     Ending,
     EstimatedEnd,
     TargetErrorBounds,
@@ -60,7 +57,6 @@ from labrig.steering.problem import PlanProblem
 from labrig.steering.sighting_noise import SeenInsertion, measure_noise
 from labrig.steering.state import begin_steering, take_in_sighting, turn_bevel
 from labrig.steering.tip_search import TipView, find_tip
-from labrig.vision.circle import fit_circle
 from labrig.vision.error_budget import ErrorBudget, budget_place
 from labrig.vision.marker import MarkerFix
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
@@ -74,8 +70,6 @@ TEMPLATE_FILE = "template.png"
 _PATH_POINTS, _DECIMALS = 60, 3
 # The first insertions of a run tell enough about the noise of its sightings.
 _MOST_NOISE_INSERTIONS = 3
-# A radius is measured over a stretch of at least so many mm between two turns.
-_LEAST_BENT_MM = 15.0
 _UNRECORDED: dict[str, Any] = {
     "exit_status": INCOMPLETE,
     "stop": "interrupted",
@@ -130,6 +124,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         if request.progress is not None:
             request.progress(number, len(made))
     steps = [step for trial in insertions for step in trial.steps if step.believed]
+    outcomes = {trial.reached for trial in insertions}
     scenes = [line for line in run.frame_lines if line.role == InsertionRole.SCENE]
     result = InsertionResult(
         **request.stamp.list_members(
@@ -138,7 +133,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         made=len(insertions),
         arrived=sum(trial.reached is True for trial in insertions),
         causes=dict(Counter(trial.stop for trial in insertions if not trial.reached)),
-        reached=_combine_reached([trial.reached for trial in insertions]),
+        reached=next((worst for worst in (False, None) if worst in outcomes), bool(outcomes)),
         target_error_mm=max(_known(trial.target_error_mm for trial in insertions), default=None),
         target_error_interval_mm=max(
             (trial.target_error_interval_mm for trial in insertions if trial.target_error_interval_mm),
@@ -265,7 +260,6 @@ class _Insertion:
             **({} if bounds is None else bounds.describe()),
             template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
             **{name: value for name, value in self.true if name.startswith("true_")},
-            bent_radius_mm=self._measure_radius(end),
             refused=next((event.cause for event in self.way[::-1] if isinstance(event, PathSought)), None),
             true_path_mm=_thin_path(self.true.path[:, 1:]),
             true_target_mm=self.true.target_mm,
@@ -300,18 +294,6 @@ class _Insertion:
         except (MeasurementRefusedError, PictureError, RecordError) as error:
             return None, source.explain(error)
         return shaft, None
-
-    def _measure_radius(self, end: ShaftTip | None) -> float | None:
-        """Return the radius of the longest stretch between two turns; None if it is short or straight."""
-        turns = (event.depth_mm for event in self.way if isinstance(event, BevelTurn))
-        stretches = pairwise((0.0, *turns, self.stop.depth_mm))
-        start_mm, stop_mm = max(stretches, key=lambda ends: ends[1] - ends[0])
-        if end is None or stop_mm - start_mm < _LEAST_BENT_MM:
-            return None
-        bent = (end.arc_mm > start_mm + SWINGS_MM) & (end.arc_mm < stop_mm)
-        with suppress(MeasurementRefusedError):
-            return fit_circle(end.centre_line_mm[bent]).radius
-        return None
 
     def _judge_end(self, shaft: ShaftTip | None) -> TargetErrorBounds | None:
         """Return the distance in space from the target; None if nothing was seen, or the camera was bumped."""
@@ -409,13 +391,6 @@ def _thin_path(path: FloatArray) -> tuple[Point, ...]:
     """Return a path (N, 2) thinned for drawing, with both ends."""
     kept = np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).round().astype(int)
     return tuple((y, z) for y, z in np.round(path[kept], _DECIMALS).tolist())
-
-
-def _combine_reached(reached: Sequence[bool | None]) -> bool | None:
-    """Return whether every target was reached: False without an insertion, None if none was missed and one is open."""
-    if not reached or False in reached:
-        return False
-    return None if None in reached else True
 
 
 def _known(values: Iterable[float | None]) -> list[float]:

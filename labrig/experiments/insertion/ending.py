@@ -46,10 +46,9 @@ _SOURCES: Mapping[str, Any] = load_yaml_values(Path(__file__).with_name("error_s
 
 # While the bend swings over in the last stretch of a shaft, its end is read off by so many needle widths: 0.18 mm (rms)
 # in the 37 of 85 runs of protocols/insertion.yaml that ended so, 0.07 mm in the others.
-SWINGS_MM, _SWUNG = 6.0, 0.17
+_SWINGS_MM, _SWUNG = 6.0, 0.17
 # Picture and estimate that differ by more of their standard deviations contradict each other.
 _AGREES = 3.0
-
 
 UNSURE_STOPS = ("needle_lost", "needle_stuck", "sheath_astray", "marker_lost", "marker_jumped")
 """Stops after which a person looks before the needle is withdrawn."""
@@ -345,7 +344,7 @@ def judge_end(
     depth = (
         None if shaft is None else _find_depth(shaft, plane, path, problem.radius_mm, unseen, way_mm=way_mm)
     )
-    swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < SWINGS_MM
+    swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < _SWINGS_MM
     if shaft is not None and swings:
         fit_mm = math.hypot(shaft.errors.fit_mm or 0.0, _SWUNG * shaft.width_px * plane.mm_per_px)
         shaft = replace(shaft, errors=replace(shaft.errors, fit_mm=fit_mm))

@@ -22,22 +22,23 @@ _SEEN, _LOST, _TRUE = mark(0).colour, mark(1).colour, "#000000"
 _DASHED = (0, (4, 2.5))
 
 
-def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], name: str) -> Markup:
+def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], *, predicts: bool) -> Markup:
     """Draw the curves of an insertion over the inserted length, with the places where the path was replanned."""
     steps = tabulate(InsertionStep, trial.steps).set_index("depth_mm")
-    draws: list[Callable[[Axes, pd.DataFrame], None]] = [
-        _draw_error,
-        _draw_clearance,
-        partial(_draw_nis, mean_nis=trial.mean_nis),
-        _draw_heading,
+    if not predicts:
+        steps[["innovation_y_mm", "nis"]] = np.nan
+    draws: list[tuple[list[str], Callable[[Axes, pd.DataFrame], None]]] = [
+        (["innovation_y_mm", "true_y_mm"], _draw_error),
+        (["clearance_mm"], _draw_clearance),
+        (["nis"], partial(_draw_nis, mean_nis=trial.mean_nis)),
+        (["heading_rad"], _draw_heading),
     ]
-    if steps["clearance_mm"].isna().all():
-        draws.remove(_draw_clearance)
-    rows = len(draws) + bool(trial.marker_steps)
+    known = [draw for columns, draw in draws if steps[columns].notna().any(axis=None)]
+    rows = len(known) + bool(trial.marker_steps)
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 2.1 * rows), layout="constrained")
         curves = figure.subplots(rows, 1, sharex=True)
-        for axes, draw in zip(curves, draws, strict=False):
+        for axes, draw in zip(curves, known, strict=False):
             draw(axes, steps)
         if trial.marker_steps:
             _draw_markers(curves[-1], tabulate(MarkerStep, trial.marker_steps).set_index("depth_mm"))
@@ -52,7 +53,7 @@ def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], na
                     ncols=3,
                 )
         curves[-1].set_xlabel("inserted (mm); grey lines: a path was sought")
-        return svg(figure, name)
+        return svg(figure, f"trial{trial.trial}")
 
 
 def _plot(axes: Axes, values: Any, colour: str, style: Any = "-", **look: Any) -> None:
@@ -81,7 +82,7 @@ def _draw_error(axes: Axes, steps: pd.DataFrame) -> None:
     axes.set_title("Tip: how far the estimate is off" if true.notna().any() else "Tip: innovation")
     _plot(axes, _find_length(steps, "innovation"), _SEEN, ".", label="innovation")
     _plot(axes, true, _TRUE, label="estimate from truth")
-    _plot_lost(axes, steps, _LOST, "tip not seen")
+    _plot_lost(axes, steps, _LOST, "tip not used")
     axes.set_ylabel("mm")
     axes.set_ylim(bottom=0.0)
 
@@ -94,7 +95,7 @@ def _draw_clearance(axes: Axes, steps: pd.DataFrame) -> None:
 
 
 def _draw_nis(axes: Axes, steps: pd.DataFrame, mean_nis: float | None) -> None:
-    axes.set_title("NIS: normalised innovation squared")
+    axes.set_title("NIS: normalised innovation squared; its mean is of the sightings used")
     _plot(axes, pd.to_numeric(steps["nis"]).clip(lower=1e-4), _SEEN, ".")
     axes.axhline(NIS_95, color=DESIGN, linewidth=1.0, linestyle=_DASHED, label=f"95 % lie below {NIS_95:.1f}")
     if mean_nis is not None:

@@ -228,10 +228,10 @@ class FollowedMarkers:
             seen_mm = place.centre_mm[0] - first.place_mm[0], place.centre_mm[1] - first.place_mm[1]
             jumped_mm = math.dist(seen_mm, moved_mm)
             allowed_mm = trust.jump_mm + _SIGMAS * trust.lost_sd_mm_per_mm * unseen_mm
-            believed = jumped_mm <= allowed_mm
+            believed, old_mm = jumped_mm <= allowed_mm, before.place_mm
             if believed:
                 moved_mm, unseen_mm = seen_mm, 0.0
-            elif _stays(before, place, trust.jump_mm):
+            elif not before.believed and old_mm and math.dist(place.centre_mm, old_mm) <= trust.jump_mm:
                 detail = (
                     f"{name} has jumped by {jumped_mm:.1f} mm and stays there, and {allowed_mm:.1f} mm are allowed "
                     "(markers.jump_mm): the gel slid, or somebody moved it"
@@ -270,10 +270,3 @@ class FollowedMarkers:
             sd_mm=math.hypot(self.markers.sd_mm, self.markers.lost_sd_mm_per_mm * unseen_mm),
             unseen_mm=unseen_mm,
         )
-
-
-def _stays(before: RecordedMarker, place: MarkerPlace, jump_mm: float) -> bool:
-    """Return whether a marker is still where it was not believed before."""
-    if before.believed or before.place_mm is None:
-        return False
-    return math.dist(place.centre_mm, before.place_mm) <= jump_mm

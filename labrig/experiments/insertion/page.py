@@ -14,7 +14,7 @@ from labrig.analysis.result import AnalysisResult
 from labrig.experiments.insertion.events import InsertionRole, InsertionStart, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.result import InsertionResult, InsertionTrial, describe_sighting_noise
+from labrig.experiments.insertion.result import InsertionResult, InsertionTrial, describe_nis, describe_radius
 from labrig.experiments.insertion.scene import FloatArray, Scene, make_films, read_scenes
 from labrig.experiments.shared.roll_zero_events import RollZeroFound
 from labrig.record.events import Event
@@ -58,6 +58,7 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
     """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
     content, plane, events = result.content, load_plane_map(run), read_scenes(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
+    noise = vars(content.sighting_noise) if content.sighting_noise else None
     parts = {
         "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
         "shown": [
@@ -66,7 +67,8 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
         ],
         "zeros": run.read_events(InsertionStart, RollZeroFound),
         "degrees": math.degrees,
-        "noise_told": describe_sighting_noise(vars(noise) if (noise := content.sighting_noise) else None),
+        "noise_told": describe_nis(noise),
+        "radius_told": describe_radius(noise, content.settings),
     }
     return Page(TEMPLATE, plane, parts)
 
@@ -75,7 +77,8 @@ def _draw_insertion(
     run: Run, protocol: InsertionProtocol, trial: InsertionTrial, events: Sequence[Event], scene: Scene
 ) -> ShownInsertion:
     plans = [event for event in events if isinstance(event, PathSought)]
-    figure = draw_insertion_figure(trial, plans, f"trial{trial.trial}") if trial.steps else None
+    predicts = protocol.estimator.method != "paper"
+    figure = draw_insertion_figure(trial, plans, predicts=predicts) if trial.steps else None
     true_mm, panels = None if trial.markers else trial.true_target_mm, list[Panel]()
     for event in events:
         scene.take(event)

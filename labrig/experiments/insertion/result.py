@@ -135,10 +135,10 @@ class InsertionTrial(InsertionRow):
     `sigma_target_error_mm` consists of: lens, plane (with the drift between the grid pictures), surface, roll (what the
     depth that is not known makes of the place), lighting, and the reading of the end.
     `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
-    compared, and is no measurement of the error. `bent_radius_mm` is that of the longest stretch between two turns in
-    the final picture; `refused` says why the last search found no path. `mean_nis` is over the steps that were
-    believed; two degrees of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every
-    estimate is the one of the live run within a tenth of its standard deviation, as it is with its settings.
+    compared, and is no measurement of the error. `refused` says why the last search found no path. `mean_nis` is over
+    the steps that were believed; two degrees of freedom, so 2 where the noise is what the protocol says. `as_recorded`
+    says whether every estimate is the one of the live run within a tenth of its standard deviation, as it is with its
+    settings.
     `target_mm` and `obstacles` are where they were at the start. `marker_ids` are the markers that the target and each
     obstacle are bound to, the target's first, `marker_steps` what these showed. Errors and clearances are from where
     they were then.
@@ -154,7 +154,6 @@ class InsertionTrial(InsertionRow):
     target_error_interval_tip_mm: Point | None = None
     target_error_sources_mm: TargetErrorSources | None = None
     depth: EndDepth | None = None
-    bent_radius_mm: float | None = None
     refused: RefusalCause | None = None
     true_path_mm: tuple[Point, ...]
     true_target_mm: tuple[float, float, float] | None = None
@@ -206,11 +205,8 @@ class InsertionResult(Result):
     def tables(self) -> Mapping[str, pd.DataFrame]:
         """The tables of the result."""
         steps = {f"steps-{trial.trial}": tabulate(InsertionStep, trial.steps) for trial in self.insertions}
-        markers = {
-            f"markers-{trial.trial}": tabulate(MarkerStep, trial.marker_steps)
-            for trial in self.insertions
-            if trial.marker_steps
-        }
+        marked = [trial for trial in self.insertions if trial.marker_steps]
+        markers = {f"markers-{trial.trial}": tabulate(MarkerStep, trial.marker_steps) for trial in marked}
         insertions = {"insertions": tabulate(InsertionRow, self.insertions)}
         return insertions | make_origin_table(self.origins) | steps | markers
 
@@ -236,19 +232,31 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         for trial in trials
     )
     measured = any(trial["target_error_mm"] is not None for trial in trials)
-    noise = describe_sighting_noise(document.get("sighting_noise"))
+    noise = describe_nis(document.get("sighting_noise"))
     changed = not document["overrides"] and any(trial["as_recorded"] is False for trial in trials)
     lines = (
         TextTable(_HEADS, rows) if measured else None,
         measured
         and "error mm: by the shaft in the final picture; in space: by that, by the estimate, or by both",
         noise and f"{noise} (estimator.observation_sd_mm, policy.backlash_mm)",
+        describe_radius(document.get("sighting_noise"), document["settings"]),
         changed and "this labrig estimates otherwise than the one that made the run, with the same settings",
     )
     return tuple(line for line in lines if line)
 
 
-def describe_sighting_noise(noise: Mapping[str, Any] | None) -> str | None:
+def describe_radius(noise: Mapping[str, Any] | None, settings: Mapping[str, Any]) -> str | None:
+    """Return how the needle bent; None where that is not known, or as the settings state it."""
+    stated_mm, stated_sd_mm = settings["planner"]["radius_mm"], settings["estimator"]["radius_sd_mm"]
+    mm, sd_mm = (noise or {}).get("radius_mm"), (noise or {}).get("radius_sd_mm")
+    if mm is None or sd_mm is None or abs(mm - stated_mm) < 3.0 * math.hypot(sd_mm, stated_sd_mm):
+        return None
+    stated = f"{stated_mm:g} mm ({f'SD {stated_sd_mm:g} mm' if stated_sd_mm else 'as exact'})"
+    bent = f"by its sightings the needle bent with {mm:.1f} mm (SD {sd_mm:.1f} mm)"
+    return f"The protocol states a radius of {stated}; {bent}"
+
+
+def describe_nis(noise: Mapping[str, Any] | None) -> str | None:
     """Return what the NIS says against the stated noise, and what to state; None where nothing is to be changed."""
     if noise is None or noise["verdict"] == "as expected":
         return None

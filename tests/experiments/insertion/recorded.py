@@ -16,9 +16,8 @@ OBSTACLE = "obstacles=[{position_mm: [0, 8, 18], radius_mm: 4}]"
 @cache
 def record_insertion(*overrides: str) -> Run:
     """Conduct an insertion past one obstacle in gel that disturbs it, with its title as people may write it."""
-    folder = Path(tempfile.mkdtemp(prefix="labrig-insertion-"))
-    protocol = insertion(OBSTACLE, "title=To <b>there</b>", *overrides)
-    _, run = conduct_insertion(folder, protocol, ())
+    folder, title = Path(tempfile.mkdtemp(prefix="labrig-insertion-")), "title=To <b>there</b>"
+    _, run = conduct_insertion(folder, insertion(OBSTACLE, title, *overrides), ())
     return open_run(run.path)
 
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from labrig.experiments.insertion.result import describe_sighting_noise
+from labrig.experiments.insertion.result import describe_nis
 
 _NOISE = {
     "mean_nis": 2.0, "usual_nis": (1.4, 2.7), "verdict": "as expected", "stated_observation_sd_mm": 0.2,
@@ -26,6 +26,6 @@ _NOISE = {
 )  # fmt: skip
 def test_a_nis_out_of_its_range_names_what_to_state(change: dict[str, object], told: str | None) -> None:
     """Both ways, and not where the protocol states what is advised already."""
-    sentence = describe_sighting_noise(_NOISE | change)
+    sentence = describe_nis(_NOISE | change)
     assert (sentence is None) == (told is None)
     assert told is None or re.search(told, str(sentence))

@@ -173,7 +173,7 @@ class Dialogue:
         return TrialsFailedError(
             f"{len(counted)} of {format_count(self.planned, self._noun)} failed; {reasons[worst].replace('_', ' ')}: "
             f"{counted[worst].message}",
-            counted[worst].hint or f"the report shows {'which, and ' * (self.planned > 1)}why",
+            counted[worst].hint or ("the report shows which, and why" if self.planned > 1 else ""),
             reason=reasons[worst],
         )
 

@@ -127,7 +127,8 @@ def _require_same(path: Path, document: Mapping[str, object]) -> str:
         told = f"holds another campaign: {key} is {there} there and {here} here"
         if name != key:
             told = f"was begun with another version of {name.replace('source_sha256', 'labrig')}"
-        raise InputError(f"{path.parent} {told}", f"its page stays; go on as it was begun, or {_ELSEWHERE}")
+        hint = f"its page and table stay; go on with what it was begun with, or {_ELSEWHERE} to begin anew"
+        raise InputError(f"{path.parent} {told}", hint)
     return describe_change(processor, describe_processor())
 
 

@@ -310,9 +310,8 @@ def test_a_picture_of_something_else_gives_no_map(
     picture.write_bytes(_encode(drawn.astype(np.uint8)))
     done = labrig("calibrate", "plane", picture, *FRAME, "--px-per-mm", 8, "--out", out, "--json")
     document = done.json()
-    assert (done.exit_code, document["accepted"], document["mm_per_px"], out.exists()) == (
-        1, False, None, False,
-    )  # fmt: skip
+    told = (done.exit_code, document["accepted"], document["mm_per_px"], out.exists())
+    assert told == (1, False, None, False)
     assert "graph paper" in done.err.partition("hint: ")[2]
 
 

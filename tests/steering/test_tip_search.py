@@ -22,10 +22,9 @@ def _search(off_rad: float, misses: int, sd_mm: float = 0.2) -> TipSearched:
     rig = load_rig(SIMULATED)
     plane = load_plane_map(rig)
     template = load_tip_template(rig, plane)
-    image = np.full((720, 1280), int(np.median(template.picture)), np.uint8)
+    image, expected = np.full((720, 1280), int(np.median(template.picture)), np.uint8), np.eye(4)
     height, width = template.picture.shape
     image[300 : 300 + height, 350 : 350 + width] = template.picture
-    expected = np.eye(4)
     expected[1:3, 3] = plane.to_mm(np.add([template.tip_px], (350, 300)))[0]
     expected[:3, :3] = rotation_x(-template.heading_rad - off_rad)
     tip = replace(start_tip(np.eye(4), settings(planar=True, observation_sd_mm=sd_mm)), misses=misses)

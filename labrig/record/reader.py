@@ -314,10 +314,8 @@ class Run:
     @property
     def calibration_hashes(self) -> Mapping[str, str]:
         """The SHA-256 of each calibration file that the run began with, by its name."""
-        folder = f"{CALIBRATION}/"
-        return {
-            name.removeprefix(folder): sha for name, sha in self.hashes.items() if name.startswith(folder)
-        }
+        place = f"{CALIBRATION}/"
+        return {name.removeprefix(place): sha for name, sha in self.hashes.items() if name.startswith(place)}
 
     @property
     def calibration_files(self) -> tuple[str, ...]:

@@ -120,9 +120,7 @@ def test_the_interval_of_a_distance_begins_at_zero(tmp_path):
     assert ends == [(0.0, pytest.approx(0.5 + 12.706 * 0.4, rel=1e-3)), (0.0, pytest.approx(0.885, abs=1e-3))]
 
 
-@pytest.mark.parametrize(
-    ("low_mm", "told"), [(0.9, "cannot be told apart: the"), (1.1, "insertions differ: ")]
-)
+@pytest.mark.parametrize(("low_mm", "told"), [(0.9, "cannot be told apart: "), (1.1, "insertions differ: ")])
 def test_insertions_are_told_apart_by_their_intervals_in_space(tmp_path, low_mm, told):
     """Not by what the shaft says in the plane; the figure has an axis of that name, and letters for long names."""
     runs = [tmp_path / "20261127-insertion", tmp_path / "20261127-insertion-2"]
@@ -138,10 +136,8 @@ def test_insertions_are_told_apart_by_their_intervals_in_space(tmp_path, low_mm,
 
 def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):
     """Runs of a simulated rig that differ in their notes alone repeat one another; on a bench none does."""
-    for rig, told in (
-        ("simulated", ["a, b are one simulation (protocol, rig, seed): one result, 2 times."]),
-        ("bench", []),
-    ):
+    once = "a, b are one simulation (protocol, rig, seed): one result, 2 times."
+    for rig, told in (("simulated", [once]), ("bench", [])):
         runs = [
             write_measured_run(tmp_path / rig, *of, rig=rig)
             for of in (("a", {SOFT: (28.0, 28.4)}), ("b", {HARD: (28.0, 28.4)}))

@@ -63,8 +63,8 @@ def add_roll_uncertainty(
     roll_sd_deg : float
         Standard deviation of the roll [degrees].
     roll_sigma : float or None
-        What that does to a radius through the camera, one standard deviation; both ends move. None: the camera's place
-        is not known, and only the lower end moves, by the cosine.
+        What that does to a radius through the camera, with all else that the insertions share, one standard deviation;
+        both ends move. None: the camera's place is not known, and only the lower end moves, by the cosine.
     """
     if interval is None:
         return None

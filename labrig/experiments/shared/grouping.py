@@ -62,7 +62,7 @@ def _summarise(
         n=summary.n,
         mean_radius_mm=summary.mean,
         sd_radius_mm=summary.sd,
-        ci95_mm=add_roll_uncertainty(summary.ci95, roll_sd_deg, _average_roll(accepted)),
+        ci95_mm=add_roll_uncertainty(summary.ci95, roll_sd_deg, _combine_shared(accepted)),
         refused=len(pictures) - summary.n,
         refused_reasons=tuple(f"{count} x {reason}" for reason, count in reasons.items()),
         without_final_picture=len(group) - len(pictures),
@@ -71,11 +71,13 @@ def _summarise(
     )
 
 
-def _average_roll(pictures: Sequence[PictureResult]) -> float | None:
-    """Return the standard deviation [mm] that the roll, which they share, gives to their mean; None if unknown."""
-    sigmas = [None if (budget := picture.radius_budget_mm) is None else budget.roll for picture in pictures]
-    known = [sigma for sigma in sigmas if sigma is not None]
-    return float(np.mean(known)) if known and len(known) == len(sigmas) else None
+def _combine_shared(pictures: Sequence[PictureResult]) -> float | None:
+    """Return the standard deviation [mm] of their mean by all that they share; None if the roll's is not known."""
+    budgets = [budget for picture in pictures if (budget := picture.radius_budget_mm) is not None]
+    if not budgets or len(budgets) < len(pictures) or any(budget.roll is None for budget in budgets):
+        return None
+    sigmas = ([vars(budget)[source] for budget in budgets] for source in vars(budgets[0]) if source != "fit")
+    return float(np.linalg.norm([np.mean(of) for of in sigmas if None not in of]))
 
 
 def average_means(specimens: Sequence[SpecimenResult]) -> float | None:

@@ -11,10 +11,10 @@ What is decided here:
 - **The radius of an insertion comes from its final picture alone**, as in the paper ("the final shapes of the needles
   were pictured"). Earlier pictures are kept for viewing, not averaged in.
 - **Insertions are grouped by needle and gel**, the paper's "needle-tissue pair". The spread is the sample standard
-  deviation (n - 1); the interval is Student's, of the mean, at 95 %. It covers the scatter between insertions and the
-  uncertainty of the bevel's roll (`analysis.roll_sd_deg`): a bevel out of the plane by rho shows r / cos(rho), nearer
-  to the camera or farther from it, which all insertions of a needle share. It does not cover the other errors that they
-  share: the scale of the plane calibration, refraction in the gel, the optics.
+  deviation (n - 1); the interval is Student's, of the mean, at 95 %. It covers the scatter between insertions and
+  what they share, as far as it is known: lens, plane, surface, and the bevel's roll (`analysis.roll_sd_deg`): a bevel
+  out of the plane by rho shows r / cos(rho), nearer to the camera or farther from it. It does not cover a camera that
+  was moved after its calibration.
 - **The origin of a trial** is the sheath's tip and heading in the picture taken once it is in. Command and linear
   encoder give the expected pose; deviations along the insertion, across it and in heading have a limit and a sentence
   each. A radius does not depend on the origin; a tip relative to it is named so in the table.

@@ -238,7 +238,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         TextTable(_HEADS, rows) if measured else None,
         measured
         and "error mm: by the shaft in the final picture; in space: by that, by the estimate, or by both",
-        noise and f"{noise} (estimator.observation_sd_mm, policy.backlash_mm)",
+        noise,
         changed and "this labrig estimates otherwise than the one that made the run, with the same settings",
     )
     return tuple(line for line in lines if line)

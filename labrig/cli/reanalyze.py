@@ -117,9 +117,9 @@ def _show(path: Path, outcome: Any) -> Row:
 
 def _print_values(rows: Sequence[Sequence[object]], run: str) -> None:
     """Print old and new numbers, or in place of dashes that there are none."""
-    if any(any(values) for _, *values in rows):
+    if any(value is not None for _, *values in rows for value in values):
         print_table(("", "old", "new"), rows)
-    else:
+    elif rows:
         print_line(f"no trial of this run has a value; what happened in it:\nlabrig runs show {run}")
 
 

@@ -21,7 +21,9 @@ def number(value: float | None, digits: int = 2) -> str:
 
 def signed(value: float | None, digits: int = 3) -> str:
     """Return a difference with its sign; one that rounds to zero has none."""
-    return UNKNOWN if value is None else f"{value:+z.{digits}f}".replace("-", _MINUS)
+    if value is None or not round(value, digits):
+        return number(None if value is None else 0.0, digits)
+    return f"{value:+.{digits}f}".replace("-", _MINUS)
 
 
 def format_time(value: object) -> str:

@@ -10,7 +10,7 @@ from labrig.report.formatting import flatten, format_time, format_value, interva
     ("made", "texts"),
     [
         ((number(27.6), number(-0.5, 1), number(None)), ("27.60", "−0.5", "–")),
-        ((signed(0.0123), signed(-0.0001), signed(None)), ("+0.012", "+0.000", "–")),
+        ((signed(0.0123), signed(-0.0001), signed(None)), ("+0.012", "0.000", "–")),
         ((interval((1.0, 2.5)), interval(None)), ("1.00 to 2.50", "–")),
         ((label_key("speed_mm_s"),), ("speed (mm/s)",)),
         ((label_key("s.true_target_error_mm"),), ("s true error at the target (mm)",)),

@@ -128,7 +128,7 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
 
 
 def _tell_contour(search: Searched) -> str:
-    return f"Our contour, labrig's own drawing, would take {number(search.beta_cut_deg, 2)} degrees"
+    return f"Our contour, labrig's own drawing, would take an inclination of {number(search.beta_cut_deg, 2)} degrees"
 
 
 def _tell_range(study: DesignStudy, plane: RotationPlane, radius: RadiusTolerance) -> str:

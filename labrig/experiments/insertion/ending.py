@@ -53,7 +53,9 @@ _AGREES = 3.0
 UNSURE_STOPS = ("needle_lost", "needle_stuck", "sheath_astray", "marker_lost", "marker_jumped")
 """Stops after which a person looks before the needle is withdrawn."""
 
-_LEFT_HINT = "the needle strayed more than out_of_plane: states; look whether needle or sheath leans or is bent"
+_LEFT_HINT = (
+    "the needle strayed more than out_of_plane: states; look whether needle or sheath leans or is bent"
+)
 
 
 @dataclass(frozen=True)

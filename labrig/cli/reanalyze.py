@@ -96,7 +96,7 @@ def _show(path: Path, outcome: Any) -> Row:
         for name, value in now.items()
         if name in of_the_run or before.get(name, value) != value
     ]
-    _print_values(rows, path.name)
+    _print_values(rows, path.name, has_pictures=bool(new.get("measurements")))
     row: dict[str, object] = {"analysis": str(outcome.path), "reason": _find_missing_needle(new)}
     row |= {"parent": new["parent"], "verdict": None, "first_difference": None, "largest": {}}
     if old is not None:
@@ -115,11 +115,11 @@ def _show(path: Path, outcome: Any) -> Row:
     return add_damage(row, new["damage"])
 
 
-def _print_values(rows: Sequence[Sequence[object]], run: str) -> None:
-    """Print old and new numbers, or in place of dashes that there are none."""
+def _print_values(rows: Sequence[Sequence[object]], run: str, *, has_pictures: bool) -> None:
+    """Print old and new numbers, or in place of dashes that there are none; pictures have theirs on the page."""
     if any(value is not None for _, *values in rows for value in values):
         print_table(("", "old", "new"), rows)
-    elif rows:
+    elif not has_pictures:
         print_line(f"no trial of this run has a value; what happened in it:\nlabrig runs show {run}")
 
 

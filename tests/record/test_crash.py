@@ -82,11 +82,11 @@ def test_a_cut_or_a_full_disk_at_any_call_loses_nothing_acknowledged(tmp_path, m
     cut = isinstance(failure, Cut)
     for number in range(1, count_calls(tmp_path, monkeypatch) + 1):
         runs_dir, acknowledged = tmp_path / str(number), list[str]()
-        with (
-            failing(monkeypatch, number, failure),
-            pytest.raises(Cut) if cut else suppress(DiskError, RecordError),
-        ):
+        told_of = (Cut,) if cut else (DiskError, RecordError)
+        with failing(monkeypatch, number, failure) as called, suppress(*told_of):
             record(runs_dir, acknowledged).close("success", "", ENDED)
+            # A run on a busy computer may make a call more or less than the counted one.
+            assert not cut or len(called) < number
         run = runs_dir / "run"
         if not (run / "manifest.json").exists():
             assert not acknowledged

@@ -18,6 +18,7 @@ FolderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_l
 Key = Annotated[str, Field(min_length=1, max_length=200)]
 FileName = Annotated[str, Field(min_length=1, max_length=200)]
 Values = Annotated[tuple[Any, ...], Field(min_length=1, max_length=1000)]
+Range = tuple[float, float]
 
 MOST_ARMS = 1000
 MOST_TASKS = 10_000_000
@@ -47,7 +48,7 @@ class Sample(Model):
     """How the points fill the ranges; sobol takes a power of two."""
     n: int = Field(ge=1, le=1_000_000)
     """Number of points."""
-    keys: dict[Key, tuple[float, float]] = Field(min_length=1)
+    keys: dict[Key, Range] = Field(min_length=1)
     """Dotted key -> [lowest, highest]; rig.* is of the rig."""
 
     def conflicts(self) -> Iterable[Conflict]:
@@ -132,7 +133,7 @@ class CampaignFile(Model):
         return () if self.stop_when is None else tuple(looks)
 
     @property
-    def ranges(self) -> dict[str, tuple[float, float]]:
+    def ranges(self) -> dict[str, Range]:
         """The dotted keys that are sampled, and the range of each."""
         return {} if self.sample is None else self.sample.keys
 

@@ -51,17 +51,17 @@ def write_comparison(
     DiskError
         When one of them cannot be written.
     """
-    content, table = compared.comparison, compared.table
+    whole, table = compared.comparison, compared.table
     first = ["group", "block", "value"]
     tidy = table[[*first, *table.columns.drop(first)]]
     write_atomically(folder / TABLE_FILES[0], encode_csv(tidy))
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
-    write_atomically(folder / DOCUMENT_FILE, encode_document(content.model_dump(mode="json")))
-    named, (content, letters) = content, shorten_runs(content)
-    groups = {of.name: short.name for of, short in zip(named.groups, content.groups, strict=True)}
+    write_atomically(folder / DOCUMENT_FILE, encode_document(whole.model_dump(mode="json")))
+    content, letters = shorten_runs(whole)
+    groups = {of.name: short.name for of, short in zip(whole.groups, content.groups, strict=True)}
     table = table.assign(run=table["run"].replace(letters), group=table["group"].replace(groups))
-    used = [run.run for run in measured if run.about in named.used]
+    used = [run.run for run in measured if run.about in whole.used]
     ends = _name_ends(content.quantity, table)
     figure = draw_groups(content, table, ends) if len(content.groups) <= MOST_GROUPS else None
     if figure is not None:

@@ -3,6 +3,7 @@
 What stands on every page is in `templates/base.html.jinja`: the head, what was done, and what the numbers rest on.
 """
 
+import math
 import re
 import shlex
 import statistics
@@ -205,6 +206,7 @@ _FILTERS = {
     "told": format_value,
     "medians": _take_medians,
     "mode": statistics.mode,
+    "dist": math.dist,
     "bind_units": _bind_units,
     "said_in": _select_said,
     "in_words": lambda key: split_key(key)[0].replace("_", " "),

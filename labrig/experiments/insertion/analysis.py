@@ -133,6 +133,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         made=len(insertions),
         arrived=sum(trial.reached is True for trial in insertions),
         causes=dict(Counter(trial.stop for trial in insertions if not trial.reached)),
+        # A target that was missed counts before one of which it is not known; without an insertion none was reached.
         reached=next((worst for worst in (False, None) if worst in outcomes), bool(outcomes)),
         target_error_mm=max(_known(trial.target_error_mm for trial in insertions), default=None),
         target_error_interval_mm=max(

@@ -97,7 +97,8 @@ def _draw_clearance(axes: Axes, steps: pd.DataFrame) -> None:
 def _draw_nis(axes: Axes, steps: pd.DataFrame, mean_nis: float | None) -> None:
     axes.set_title("NIS; its mean is of the sightings used")
     _plot(axes, pd.to_numeric(steps["nis"]).clip(lower=1e-4), _SEEN, ".")
-    axes.axhline(NIS_95, color=DESIGN, linewidth=1.0, linestyle=_DASHED, label=f"95 % should lie below {NIS_95:.1f}")
+    usual = f"95 % should lie below {NIS_95:.1f}"
+    axes.axhline(NIS_95, color=DESIGN, linewidth=1.0, linestyle=_DASHED, label=usual)
     if mean_nis is not None:
         axes.axhline(mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {mean_nis:.2g}; 2 expected")
     axes.set_yscale("log")

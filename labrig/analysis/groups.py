@@ -21,7 +21,6 @@ _NO_SPECIMEN = (
     "Some pictures name no specimen. If several show insertions into the same gel, they are no independent values:"
     " intervals are then too narrow, and p too small."
 )
-_BY_SPECIMEN = "n counts blocks of gel: each enters by the mean of its insertions."
 _ONE_BLOCK = (
     "n counts insertions, which share their block of gel ({}). Intervals and p speak of these blocks "
     "alone: they do not cover how much blocks of the same ratio differ. For that, measure two blocks or more of each."
@@ -59,11 +58,8 @@ def group_rows(
         if len(runs) > 1 and len(_list_groups(grouped)) < 2 and usual:
             names = set(map(name_policy, runs)) - {None}
             fields = ["policy" if len(names) == len(runs) else "run"]
-            if fields == ["run"]:
-                others = " --by policy groups them." if len(names) > 1 else ""
-                notes.append(
-                    f"Needle and gel are the same in all runs: the runs themselves are compared.{others}"
-                )
+            if fields == ["run"] and len(names) > 1:
+                notes.append("The runs have several policies: --by policy groups them.")
             grouped = _label_rows(rows, runs, fields, whole=True)
     ungrouped = int(grouped["group"].isna().sum())
     if ungrouped:
@@ -179,7 +175,7 @@ def choose_unit(counted: pd.DataFrame) -> tuple[Unit, list[str]]:
     if not (counted.groupby("group").size() > blocks).any():
         return "insertion", []
     if blocks.min() >= 2:
-        return "specimen", [_BY_SPECIMEN]
+        return "specimen", []
     single = [str(name) for name, count in blocks.items() if count < 2]
     told = "; ".join(single[:4]) + ("; ..." if len(single) > 4 else "") + ": one block each"
     return "insertion", [_ONE_BLOCK.format("each group is one block" if len(single) == len(blocks) else told)]

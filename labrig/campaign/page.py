@@ -51,7 +51,7 @@ def write_page(
     ]
     write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
     # What none of them exceeds by chance, with a probability of 95 %.
-    ranks, n = result.rank_correlations, result.done - result.failed
+    ranks, n = result.rank_correlations, sum(arm.n for arm in result.arms)
     chance = float(ndtri(1.0 - 0.025 / max(1, sum(map(len, ranks.values()))))) / math.sqrt(max(1, n - 1))
     clear = {of: [key for key, rank in each.items() if abs(rank) > chance] for of, each in ranks.items()}
     # The keys that the page speaks of are its first figure, in that order, unless that is a map or the arms.

@@ -182,13 +182,11 @@ def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Criterion) -> tu
 def correlate(table: pd.DataFrame, keys: Sequence[str], by: Criterion) -> dict[str, dict[str, float]]:
     """Return Spearman's rank correlations with each sampled key: of the measure, and of each way to fail outright.
 
-    A task without a value ranks behind all others if there is a tolerance, which says that less is better; without one
-    it is left out. Fewer than ten tasks have no correlation.
+    That of the measure is over the tasks that have a value. Fewer than ten tasks have no correlation.
     """
     sound = table[table["error"].isna()]
-    worst = math.nan if by.tolerance is None else math.inf
-    value = pd.Series(read_values(sound, by.quantity), sound.index).fillna(worst)
-    ends = pd.DataFrame({by.quantity: value, **find_failing(sound, by.quantity)}).rank()
+    value = pd.Series(read_values(sound, by.quantity), sound.index)
+    ends = pd.DataFrame({by.quantity: value, **find_failing(sound, by.quantity)}).astype(float)
     found = sound[[*keys]].join(ends).corr("spearman").loc[[*keys]]
     if len(sound) < _LEAST_FOR_QUANTILE:
         return {}

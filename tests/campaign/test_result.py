@@ -109,7 +109,7 @@ def worse_at_20(task: Task) -> float:
         ({}, lambda _: 1.25, "One task has a value of the true error at the target: 1.25 mm. That tells no spread."),
         ({"sample": {"method": "latin-hypercube", "n": 40, "keys": {"planner.radius_mm": [24, 31]}}},
          lambda task: None if task.drawn["planner.radius_mm"] > 28.4 else spread(task),
-         "; in all 15 that were stopped before the needle went in, the planned radius was 28.46 mm or more."),
+         "\">In all 15 that were stopped before the needle went in, the planned radius was 28.46 mm or more."),
         (ARMS, lambda _: INFINITE, "No task has a value of the true error at the target."),
     ],
 )  # fmt: skip
@@ -193,9 +193,7 @@ def test_the_rank_correlation_tells_which_sampled_key_matters() -> None:
     assert correlate(rows[:9], ("steps",), BY) == {}
     lost = rows.assign(error_mm=rows["error_mm"].where(rows["steps"] > 1), broken_off=rows["steps"] == 9)
     found = correlate(lost, ("steps",), BY)
-    assert found["error_mm"]["steps"] == pytest.approx(
-        lost["steps"].corr(lost["error_mm"].mask(lost["steps"] == 9).fillna(99.0), "spearman")
-    )
+    assert found["error_mm"] == {"steps": pytest.approx(1.0)}  # what never came to its end has no error
     assert found["broken_off"]["steps"] > 0.5 > -0.5 > found["without_value"]["steps"]
     arm = judge_arm(lost, "a", {}, BY)
     assert (arm.n, arm.broken_off, arm.within_tolerance, arm.false_successes) == (7, 1, 5, 0)

@@ -269,7 +269,7 @@ def describe_nis(noise: Mapping[str, Any] | None) -> str | None:
         how = "better" if is_small else "worse"
         told = f"the tip was seen {how} than the stated {stated_mm:g} mm; {advised_mm:.2g} mm would fit"
     else:
-        told = "the needle moves otherwise than stated: its radius, its wandering or its backlash"
+        told = "the needle moves otherwise than stated: its radius, wandering (also out of the plane) or backlash"
         backlash_mm, sd_mm = noise.get("backlash_mm"), noise.get("backlash_sd_mm")
         if backlash_mm and sd_mm and abs(backlash_mm - noise["stated_backlash_mm"]) > 2 * sd_mm:
             told += f", which was measured as {backlash_mm:.1f} ± {sd_mm:.1f} mm, not {noise['stated_backlash_mm']:g}"

@@ -52,8 +52,8 @@ Of comparisons (`labrig compare`, `load_runs`):
   pictures with one calibration; roll of the bevel and light are the same for a needle, or a lamp, in one run; the
   scatter of the edges is each picture's own, and is in the scatter of the measurements already. So a mean has the
   shared errors on top of its interval, in full; in a difference they cancel as far as both groups have the same
-  calibration, needle mounting and run, in the same shares. Two runs are taken to have a mounting of the needle, and a
-  light, of their own, since no record says that they stayed: too wide if they did, never too narrow.
+  calibration, needle mounting and run, in the same shares. No record says whether the mounting of the needle and the
+  light stayed from run to run: a mean takes them as one, a difference as two, and each interval is the wider one.
 - **Variances are not taken to be equal**: Welch's ANOVA, and pairs by Games and Howell, at 95 % for all pairs together.
 """
 

@@ -38,6 +38,7 @@ MOST_GROUPS_IN_PAIRS = 12
 """A pair takes a third of a second where there are many groups, and a page of 66 pairs is as much as anybody reads."""
 _MOST_HINTED = 15
 _MOST_KEYS = 2
+_BY_RUN = ("roll", "lighting")
 _TALK = frozenset({"title", "notes", "operator"})
 NAMING = _TALK | {"seed", "specimen", "specimens", "needle_id"}
 _OF_POLICY = {f"{section}.{key}" for section, values in PAPER_SECTIONS.items() for key in values}
@@ -159,7 +160,7 @@ def compare_runs(
     shared = _find_shared(counted, unit, wanted, used)
     least = 0.0 if wanted.endswith("error_mm") and units.min() >= 0.0 else -math.inf
     groups = tuple(
-        _summarise(str(name), part, units.get(name, units[:0]), _total(shared.get(name)), least)
+        _summarise(str(name), part, units.get(name, units[:0]), _total(shared.get(name), _BY_RUN), least)
         for name, part in rows.groupby("group", sort=False)
     )
     samples = {group.name: list(units[group.name]) for group in groups if group.n > 1}
@@ -262,11 +263,15 @@ def _find_shared(rows: pd.DataFrame, unit: Unit, quantity: str, runs: Sequence[M
     return pd.concat(sums, names=["source"])
 
 
-def _total(errors: "pd.Series[float] | None") -> SharedErrors | None:
-    """Return the shared errors of a mean, or of a difference, from those of each origin; None if no source is known."""
+def _total(errors: "pd.Series[float] | None", as_one: Sequence[str] = ()) -> SharedErrors | None:
+    """Return the shared errors of a mean, or of a difference, from those of each origin; None if no source is known.
+
+    Origins are independent; those of the sources `as_one` may be one and the same, so that their errors add up.
+    """
     if errors is None:
         return None
-    by_source = (errors**2).groupby("source", sort=False).agg(lambda part: part.sum(skipna=False)) ** 0.5
+    sums, squares = (of.groupby("source", sort=False).sum(skipna=False) for of in (errors, errors**2))
+    by_source = sums.where(sums.index.isin(as_one), squares**0.5)
     known = by_source.dropna()
     if known.empty:
         return None

@@ -91,6 +91,16 @@ def test_a_shared_error_stays_in_a_mean_and_cancels_in_a_difference_of_one_calib
     assert wide == pytest.approx(math.hypot(narrow, 1.96 * across["total"]))
 
 
+def test_a_mean_over_runs_takes_their_mounting_as_one_and_a_difference_as_two(tmp_path):
+    """No record says whether the needle was mounted anew: each interval is that of the wider of the two."""
+    a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})
+    b = write_measured_run(tmp_path, "b", {SOFT: (28.1, 28.3), HARD: (27.0, 27.2)})
+    compared = _compare(a, b).comparison
+    soft: Any = compared.groups[0].shared_sigma
+    pair: Any = compared.pairs[0].shared_sigma
+    assert (soft["roll"], pair["roll"]) == pytest.approx((0.12, 0.12 * math.sqrt(0.5)))
+
+
 def test_results_of_different_settings_are_told(tmp_path):
     """Which setting differs, in which runs, and what was changed after a run."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)}, settings={"window_start_mm": 4.0})

@@ -144,8 +144,8 @@ def _to_text(value: object) -> str:
 
 
 def _name_value(field: str, value: str) -> str:
-    if field == "gelatin_percent":
-        return f"{value} % gelatin"
+    if field in {"gelatin_percent", "policy"}:
+        return f"{value} % gelatin" if field == "gelatin_percent" else f"{value} policy"
     value = str(int(value) + 1) if field in {"hole", "trial"} else value  # counted from 1
     return value if field in {"needle_id", "run", "specimen"} else tell_key(field, value)
 

@@ -172,7 +172,7 @@ def test_groups_can_be_made_by_any_field(tmp_path):
     alike = _compare(a, c).comparison
     assert (alike.by, [group.name for group in alike.groups]) == (("run",), ["a", "c"])
     policies = _compare(c, d).comparison  # what each policy says is no other setting
-    assert [group.name for group in policies.groups] == ["policy default", "policy paper"]
+    assert [group.name for group in policies.groups] == ["default policy", "paper policy"]
     assert not [line for line in policies.warnings if "settings" in line]
 
 

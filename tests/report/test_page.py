@@ -71,7 +71,7 @@ def test_nothing_is_fetched_from_anywhere(page: WrittenPage) -> None:
 
 
 def test_no_line_ends_before_a_unit_and_the_words_of_the_page_are_explained(page: WrittenPage) -> None:
-    """A number keeps its unit, but in what is to be copied; each word that is explained stands on the page too."""
+    """A number keeps its unit, but in what is to be copied; an explained word stands elsewhere too."""
     text = re.sub(r"<code>.*?</code>|<[^>]*>", "", page.html.partition("</style>")[2], flags=re.DOTALL)
     assert re.findall(r"\d (?:mm|px|degrees|%)(?!\w)", text) == []
     assert re.search(r"27\.\d\d\u00a0mm", text)
@@ -79,7 +79,7 @@ def test_no_line_ends_before_a_unit_and_the_words_of_the_page_are_explained(page
     words = re.findall(r"<dt>(.*?)</dt><dd>.{10,}</dd>", explained)
     assert {"SD", "sheath", "roll zero", "median"} <= set(words)
     assert "NIS" not in words
-    assert [word for word in words if word.lower() not in (before + after).lower()] == []
+    assert [word for word in words if (before + explained + after).lower().count(word.lower()) < 2] == []
 
 
 def test_what_people_wrote_is_text(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_what_people_wrote_is_text(tmp_path: Path) -> None:
         ("Every final picture", r" z y 5 mm .*trial 1, hole 1"),
         ("Refused pictures", r"10\.0 3 Of 1\d\.\d mm of needle"),
         ("How sure", r"surface the gel's surface, and glass before it not in the interval not in the interval"),
-        ("How sure", r"fit scatter of the edges; the reading of an end 0\.0\d+ 0\.\d+"),
+        ("How sure", r"fit scatter of the edges about the fit; the reading of an end 0\.0\d+ 0\.\d+"),
         ("Provenance", r"recorded with labrig .* measured with labrig .* analysis/001.* scale at the sheath's tip"),
         ("In full", r"window_start_mm 4 .* SHA-256 of what was used .* Devices "),
         ("In full", r"exposure_s 0\.01"),

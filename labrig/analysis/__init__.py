@@ -53,7 +53,7 @@ Of comparisons (`labrig compare`, `load_runs`):
   scatter of the edges is each picture's own, and is in the scatter of the measurements already. So a mean has the
   shared errors on top of its interval, in full; in a difference they cancel as far as both groups have the same
   calibration, needle mounting and run, in the same shares. No record says whether the mounting of the needle and the
-  light stayed from run to run: a mean takes them as one, a difference as two, and each interval is the wider one.
+  light stayed from run to run: each interval is the wider one of both cases.
 - **Variances are not taken to be equal**: Welch's ANOVA, and pairs by Games and Howell, at 95 % for all pairs together.
 """
 

@@ -160,7 +160,7 @@ def compare_runs(
     shared = _find_shared(counted, unit, wanted, used)
     least = 0.0 if wanted.endswith("error_mm") and units.min() >= 0.0 else -math.inf
     groups = tuple(
-        _summarise(str(name), part, units.get(name, units[:0]), _total(shared.get(name), _BY_RUN), least)
+        _summarise(str(name), part, units.get(name, units[:0]), _total(shared.get(name)), least)
         for name, part in rows.groupby("group", sort=False)
     )
     samples = {group.name: list(units[group.name]) for group in groups if group.n > 1}
@@ -263,15 +263,15 @@ def _find_shared(rows: pd.DataFrame, unit: Unit, quantity: str, runs: Sequence[M
     return pd.concat(sums, names=["source"])
 
 
-def _total(errors: "pd.Series[float] | None", as_one: Sequence[str] = ()) -> SharedErrors | None:
+def _total(errors: "pd.Series[float] | None") -> SharedErrors | None:
     """Return the shared errors of a mean, or of a difference, from those of each origin; None if no source is known.
 
-    Origins are independent; those of the sources `as_one` may be one and the same, so that their errors add up.
+    Origins are independent; the needle's mounting and the light of two runs may be the same, so that the larger counts.
     """
     if errors is None:
         return None
     sums, squares = (of.groupby("source", sort=False).sum(skipna=False) for of in (errors, errors**2))
-    by_source = sums.where(sums.index.isin(as_one), squares**0.5)
+    by_source = (squares**0.5).clip(lower=sums.abs().where(sums.index.isin(_BY_RUN), 0.0))
     known = by_source.dropna()
     if known.empty:
         return None

@@ -49,7 +49,7 @@ class Estimator(Model):
     process_sd_deg_per_root_mm: float = Field(0.4, ge=0, le=10)
     """Random turning of the tip after a millimetre [deg / mm^0.5]."""
     radius_sd_mm: NonNegativeMm = 0.6
-    """Standard deviation of radius_mm; 0: the radius is not estimated [mm]."""
+    """Standard deviation of radius_mm before the needle was seen; 0: the radius is not estimated [mm]."""
     start_sd_deg: float = Field(1.0, ge=0, le=20)
     """Standard deviation of the sheath's direction [deg]."""
     cavity_every_mm: PositiveMm | None = 50.0
@@ -105,11 +105,11 @@ class SteeringPolicy(Model):
     least_clearance_mm: NonNegativeMm = 0.2
     """If no path keeps clearance_mm, take a path that keeps this [mm]."""
     max_off_axis_deg: Annotated[float, Field(gt=0, le=180)] = 50.0
-    """Largest angle of a path to its start, if a path within it exists: a needle that leads far aside has no
-    curvature left for corrections. The paper has no limit [deg]."""
+    """Largest angle between a path and its direction at the start, if a path within it exists: a needle that leads
+    far aside has no curvature left for corrections. The paper has no limit [deg]."""
     turning: Turning = "compensated"
-    """How the bevel is turned against torsion of the needle. compensated: in the directions whose lags displace the
-    tip least, and past the angle by the measured lag and back. back_and_forth: half a turn, and back."""
+    """How the bevel is turned against torsion of the needle: compensated, in the directions whose lags displace the
+    tip least, and past the angle by the measured lag and back; back_and_forth, half a turn and back."""
 
     def find_acting_mm(self, made_at_mm: float) -> float:
         """Return the insertion length at which a turn of the bevel made at a length acts."""

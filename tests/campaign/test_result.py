@@ -51,15 +51,17 @@ def test_the_worst_cases_are_named_with_the_command_that_makes_them(tmp_path: Pa
     without = loaded.find_task(2).seed
     result, table = found(loaded, lambda task: None if task.seed == without else task.seed % 100 / 50.0)
     first, second, *valued = result.worst
-    assert [(case.value, case.task) for case in (first, second)] == [(None, 2), (None, 3)]
+    assert (first.value, first.task, second.value, second.task) == (None, 2, None, 3)
     assert [case.value for case in valued] == sorted(table["true_target_error_mm"].dropna(), reverse=True)[:3]
     assert first.command[:3] == ("labrig", "run", str(loaded.base))
     assert first.command[-6:] == (
         "--seed", str(without), "--set", "policy.near_mm=0", "--set", "policy.replan_every_mm=5"
     )  # fmt: skip
     table.loc[table["true_target_error_mm"].idxmax(), "exit_status"] = "failed"
-    beyond = table.assign(true_target_error_mm=table["true_target_error_mm"] + 9)
-    assert make_result(loaded, beyond, file=Path()).worst[0].end == "success"  # a larger value comes after it
+    table["true_target_error_mm"] += 9
+    result = make_result(loaded, table, file=Path())
+    page = write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
+    assert (result.worst[0].end, "Wrong successes (3), and failures, 2 of 3" in page) == ("success", True)
 
 
 def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Figures of a campaign: its arms, and the measure over the keys that were drawn."""
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -146,8 +147,7 @@ def _draw_points(axes: Axes, table: pd.DataFrame, key: str, result: CampaignResu
         axes.plot(part.mid, middle, "o", color="#000000", markersize=4)
     if result.tolerance is not None:
         axes.axhline(result.tolerance, color="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
-    axes.set_xlabel(label_key(key))
-    axes.set_ylabel(label_key(result.measure))
+    axes.set(xlabel=fill(label_key(key), 32), ylabel=fill(label_key(result.measure), 32))
     axes.grid(visible=True)
 
 

@@ -37,6 +37,7 @@ _MOST_VECTORS = 300
 _SHARES = LinearSegmentedColormap.from_list("shares", ("#ffffff", "#56b4e9"))
 _SIGNS = {"missed": "x", BROKEN_OFF: "^", WITHOUT_VALUE: "s"}
 _SIGN: dict[str, Any] = {"color": "#b02a00", "mfc": "white", "ms": 8, "mew": 1.8, "clip_on": False, "ls": ""}
+_SMALL = {**_SIGN, "mfc": "none", "ms": 4.5, "mew": 1.1, "alpha": 0.6}
 _APART = 0.22
 """Of rows: the values stand below the mean, and the number within the tolerance above its share."""
 
@@ -128,8 +129,9 @@ def draw_over_points(
             _draw_points(panel, known, key, result)
             for end, failing in find_failing(sound, result.measure).items():
                 # A line without a point has no box: the layout collapses.
-                signs = {"transform": panel.get_xaxis_transform(), "in_layout": failing.any(), **_SIGN}
-                panel.plot(sound.loc[failing, key], np.ones(int(failing.sum())), _SIGNS[end], **signs)
+                signs = {"transform": panel.get_xaxis_transform(), "in_layout": failing.any(), **_SMALL}
+                row = np.full(int(failing.sum()), 1.05 if end == BROKEN_OFF else 1.0)
+                panel.plot(sound.loc[failing, key], row, _SIGNS[end], **signs)
             ring = {**_SIGN, "mfc": "none", "in_layout": false.any()}
             panel.plot(sound.loc[false, key], sound.loc[false, result.measure], "o", **ring)
         for panel in panels[len(shown) :]:

@@ -14,6 +14,7 @@ from labrig.campaign.tasks import LoadedCampaign
 from labrig.durable import write_atomically
 from labrig.record.difference import find_differences
 from labrig.record.json_lines import encode_document
+from labrig.record.provenance import collect_provenance
 from labrig.report.figures import write_figure
 from labrig.report.formatting import count_decimals, name_settings
 from labrig.report.page import REPORT_FILE, tell_writing
@@ -64,12 +65,11 @@ def write_page(
     for figure in (arms := draw_arms(result, table), front, points, *dict(maps).values()):
         if figure is not None:
             write_figure(folder, figure)
-    known = [arm for arm in result.arms if arm.mean is not None]
     shown = {
         "content": result,
         "quantity": split_quantity(result.measure),
         # As the narrowest interval of a mean deserves.
-        "decimals": max(2, count_decimals([arm.ci95 for arm in known], [arm.mean for arm in known], 6)),
+        "decimals": max(2, count_decimals([a.ci95 for a in result.arms], [a.mean for a in result.arms], 6)),
         "chance": chance,
         "clear": clear,
         "rows": table.set_index("task"),
@@ -82,6 +82,7 @@ def write_page(
         "points_figure": points,
         "sections": SECTIONS,
         "maps": maps,
+        "provenance": collect_provenance(()),
         "written": tell_writing(created),
     }
     page, template = folder / REPORT_FILE, Path(__file__).with_name("page.html.jinja")

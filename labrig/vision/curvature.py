@@ -406,7 +406,7 @@ def _judge_circle(
     on_circle = float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
     if on_circle < _LEAST_ON_CIRCLE:
         return (
-            f"{round_down(100.0 * on_circle, 1)} % of the centre line lie within {largest_mm:.2f} mm of one circle, "
+            f"{round_down(100.0 * on_circle, 1)} % of the centre line lies within {largest_mm:.2f} mm of one circle, "
             f"and {100.0 * _LEAST_ON_CIRCLE:.0f} % is the least."
         )
     if circle.residual_rms > _LARGEST_RMS * largest_mm:

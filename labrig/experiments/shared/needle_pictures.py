@@ -59,7 +59,7 @@ def _list_lines(
 
 def _list_arcs(result: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> Iterator[FloatArray]:
     """Yield the parts of the fitted circle that lie in the picture."""
-    if not result.accepted or result.centre_mm is None or result.radius_mm is None:
+    if result.centre_mm is None or result.radius_mm is None:
         return
     px = circle(result.centre_mm, result.radius_mm, plane, _CIRCLE_POINTS)
     inside = np.all((px > -20.0) & (px < np.asarray(size) + 20.0), axis=1)

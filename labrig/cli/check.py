@@ -32,10 +32,8 @@ def check(
         found = check_sources(Sources(protocol, rig, tuple(settings or ()), seed), find_runs_dir())
     except FileFormatError as error:
         say_failure(error)
-        problems = [asdict(problem) for problem in error.problems]
-        print_json(
-            {"ok": False, "problems": problems, "duration_s": None, "disk_bytes": None, "plugins": faults}
-        )
+        told = [asdict(problem) for problem in error.problems]
+        print_json({"ok": False, "problems": told, "duration_s": None, "disk_bytes": None, "plugins": faults})
         return error.exit_code
     if found.rig is not None:
         faults += _report(find_plugin_faults(DRIVES, CAMERAS))

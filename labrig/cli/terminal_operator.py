@@ -37,14 +37,21 @@ _KEYS: Mapping[str, tuple[Choice, str]] = {
 _TEXTS: Mapping[Choice, str] = {Choice.MARK_BAD: "why is it bad", Choice.NOTE: "note"}
 """The choices that need a text, and how it is asked for."""
 
+_WANTED: Mapping[type[OperatorRequest], str] = {
+    Paused: "c to continue",
+    ReadLength: "a number such as 12.5",
+    PickPixel: "two numbers such as 640 290.5",
+}
+"""What answers a request of a kind; any other wants a yes."""
+
 _LOOK_S = 0.05
 
 
 class TerminalOperator:
     """Prints what is to be done and waits for the answer; the axes hold still meanwhile.
 
-    What was typed before a question was shown answers nothing. Each answer is a line, so that a key that is hit by
-    accident moves nothing.
+    What was typed before a question was shown answers nothing; a mark or a note with its text is taken. Each answer is
+    a line, so that a key that is hit by accident moves nothing.
 
     Parameters
     ----------
@@ -106,7 +113,7 @@ class TerminalOperator:
         self, request: OperatorRequest, meanwhile: Callable[[], None], offer: Offer, page: "PixelPage | None"
     ) -> Answer:
         """Ask at the terminal, and on a page too; the answer that comes first counts."""
-        wanted = _say_what_is_wanted(request)
+        wanted = next((words for kind, words in _WANTED.items() if isinstance(request, kind)), "yes")
         keys = "".join(
             f", {key}{' TEXT' if choice in _TEXTS else ''} to {words}"
             for key, (choice, words) in _KEYS.items()
@@ -115,6 +122,11 @@ class TerminalOperator:
         remark, lead = "", f"\n{offer.status}\n" if offer.status else "\n"
         while True:
             say(f"{lead}>> {request.text}", 3)
+            while wait_for_input(self._terminal, 0.0) and (typed := read_typed(self._terminal)):
+                early = _clean(typed)
+                taken = early[:2].lower() in {"b ", "t "} and self._read_choice(early, offer, meanwhile)
+                if taken:
+                    return taken  # the lines behind it wait for this to be asked again
             discard_typed(self._terminal)
             say(f"   {remark}{wanted}{keys}, or no to stop: ", 3)
             line = self._read_line(meanwhile, page)
@@ -136,7 +148,7 @@ class TerminalOperator:
             text = self._read_line(meanwhile)
             if not text:
                 return None
-        say(f"   {words}: taken", 3)
+        say(f"   {line}: taken ({words})", 3)
         return Answer(confirmed=False, note=text.strip(), choice=choice)
 
     def _read_line(self, meanwhile: Callable[[], None], page: "PixelPage | None" = None) -> str:
@@ -158,8 +170,12 @@ class TerminalOperator:
             self._look_after(meanwhile)
             if page is not None and page.answer is not None:
                 return ""
-        line = typed.splitlines()[0].decode("utf-8", "replace")
-        return CONTROLS.sub("", line.replace("\t", " ")).strip()
+        return _clean(typed)
+
+
+def _clean(typed: bytes) -> str:
+    """Return the first line of what was typed, without control characters."""
+    return CONTROLS.sub("", typed.splitlines()[0].decode("utf-8", "replace").replace("\t", " ")).strip()
 
 
 def _offer_page(request: OperatorRequest) -> AbstractContextManager["PixelPage | None"]:
@@ -169,17 +185,6 @@ def _offer_page(request: OperatorRequest) -> AbstractContextManager["PixelPage |
     from labrig.cli.pixel_page import offer_page
 
     return offer_page(request)
-
-
-def _say_what_is_wanted(request: OperatorRequest) -> str:
-    match request:
-        case Paused():
-            return "c to continue"
-        case ReadLength():
-            return "a number such as 12.5"
-        case PickPixel():
-            return "two numbers such as 640 290.5"
-    return "yes"
 
 
 def _read_answer(request: OperatorRequest, typed: str) -> Answer | None:

@@ -131,10 +131,12 @@ def test_without_a_person_nothing_is_confirmed(terminal: Terminal) -> None:
         terminal.ask(REQUEST, "\x04")
 
 
-@pytest.mark.parametrize("early", ["yes\n", "yes", "yes\nyes\nyes\n"])
+@pytest.mark.parametrize("early", ["yes\n", "yes", "yes\nyes\nyes\n", "s\nyes\nb dirt\nt x\nyes\n"])
 def test_an_answer_typed_before_the_question_does_not_count(early: str, terminal: Terminal) -> None:
-    """A yes typed while an axis moved confirms nothing, and does not stand before the answer; each question is new."""
+    """A yes typed while an axis moved confirms nothing, nor stands before the answer; a mark and a note are taken."""
     terminal.type(early)
+    for choice, note in ((Choice.MARK_BAD, "dirt"), (Choice.NOTE, "x")) if "dirt" in early else ():
+        assert terminal.ask(REQUEST, offer=OFFERED) == Answer(confirmed=False, note=note, choice=choice)
     assert not terminal.ask(REQUEST, "no\n").confirmed
     assert terminal.ask(REQUEST, "maybe\nyes\nyes\n", "yes\n").note == "yes"
     assert not terminal.ask(REQUEST, "no\n").confirmed

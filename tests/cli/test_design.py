@@ -108,7 +108,7 @@ def test_the_answer_is_that_of_table_1_and_of_our_search(labrig: Labrig, tmp_pat
     assert labrig("report", run.path).exit_code == 0
     page = (run.path / "report.html").read_text(encoding="utf-8")
     for part in ("Rotation of two adjacent hinges", "4.12", "4.13", "3.33", "26.90 to 33.90", "grid.csv", "design.json",
-                 "does not reproduce the slope with the clearance", "no cutting file"):  # fmt: skip
+                 "do not correct", "does not reproduce the slope with the clearance", "no cutting file"):  # fmt: skip
         assert part in page
     assert "simulated rig" not in page
 
@@ -132,7 +132,7 @@ def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer_if_it_appl
             assert result["beta_cut_deg"] == pytest.approx(0.62, abs=0.01)
             assert load_design(file).radius_mm == 45.0
             assert "on our contour no inclination gives 7.639 degrees" in result["search"]["reason"]
-            assert "on our contour no inclination gives" in page
+            assert [word in page for word in ("on our contour no", "nothing of this range")] == [True] * 2
         else:
             assert (result["accepted"], "nothing to cut" in page) == (False, True)
 

@@ -261,7 +261,7 @@ def describe_nis(noise: Mapping[str, Any] | None) -> str | None:
         return None
     (low, high), mean, is_small = noise["usual_nis"], noise["mean_nis"], noise["verdict"] == "too small"
     stated_mm, advised_mm = noise["stated_observation_sd_mm"], noise["advised_observation_sd_mm"] or math.nan
-    found = f"The mean NIS is {mean:.2g}, where {low:.1f} to {high:.1f} is usual"
+    found = f"The mean NIS is {mean:.2f}, where {low:.2f} to {high:.2f} is usual"
     share = stated_mm / advised_mm
     if is_small and not share > 1.0:
         return None

@@ -22,6 +22,7 @@ from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import load_mask, require_size, size_of
 from labrig.vision.plane import PlaneMap
+from labrig.vision.template import load_template
 
 _DRAW_MASK = "name a picture of the camera's size, white where no needle is, or leave mask: out"
 
@@ -103,9 +104,7 @@ def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> 
 def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
     """Check that the rig's calibration is there, was accepted, and is of this camera's picture size and settings."""
     intrinsics = list[Intrinsics]()
-    calibrate = (
-        f"labrig run protocols/calibration.yaml {rig.option}, then labrig calibrate adopt RUN {rig.option}"
-    )
+    how = f"labrig run protocols/calibration.yaml {rig.option}, then labrig calibrate adopt RUN {rig.option}"
 
     def lens(path: Path) -> str:
         found = load_intrinsics(path)
@@ -116,13 +115,19 @@ def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
     def plane(path: Path) -> str:
         found = load_plane(path, intrinsics[0] if intrinsics else None)
         _require_usable(rig, found, path)
-        view = found.view_sentence()
-        return f"{path.name}: {found.mm_per_px:.4f} mm/px" + ("" if view is None else f". {view}")
+        return ". ".join(filter(None, (f"{path.name}: {found.mm_per_px:.4f} mm/px", found.view_sentence())))
 
-    yield _check_calibration_file(rig, "intrinsics", lens, calibrate)
-    yield _check_calibration_file(rig, "plane", plane, calibrate)
+    yield _check_calibration_file(rig, "intrinsics", lens, how)
+    yield _check_calibration_file(rig, "plane", plane, how)
+    if rig.calibration.template is not None:
+        yield _check_calibration_file(rig, "template", _describe_tip, "labrig calibrate template makes one")
     if rig.calibration.mask is not None:
         yield _check_calibration_file(rig, "mask", partial(_describe_mask, rig), _DRAW_MASK)
+
+
+def _describe_tip(path: Path) -> str:
+    """Return where the tip is in a template."""
+    return "{}: tip at ({:.1f}, {:.1f}) px".format(path.name, *load_template(path).tip_px)
 
 
 def _describe_mask(rig: RigDescription, path: Path) -> str:
@@ -130,8 +135,7 @@ def _describe_mask(rig: RigDescription, path: Path) -> str:
     masked = load_mask(path)
     size = (rig.camera.height_px, rig.camera.width_px)
     require_size(np.zeros(size, np.uint8), size_of(masked), f"the mask {path.name}")
-    share = 100.0 * float(masked.mean())
-    return f"{path.name}: {share:.1f} % of the picture is not the needle"
+    return f"{path.name}: {100.0 * float(masked.mean()):.1f} % of the picture is not the needle"
 
 
 def _check_calibration_file(

@@ -121,12 +121,12 @@ def test_a_calibration_is_checked_against_the_camera(
 ) -> None:
     """One for another size, focus or format fails, and a refused one; what changes brightness alone voids nothing."""
     _save_lens(tmp_path, **lens, camera={"settings": made_with})
-    rig = large_rig()
-    rig = rig.model_copy(update={"camera": rig.camera.model_copy(update=changes)}).placed_in(tmp_path)
-    results = _by_name(check_calibration(rig))
+    rig = large_rig().model_copy(update={"camera": large_rig().camera.model_copy(update=changes)})
+    results = _by_name(check_calibration(rig.placed_in(tmp_path)))
     assert results["calibration intrinsics"].status is (FAIL if words else PASS)
     assert (words or "1280x720 px, rms 0.100 px") in results["calibration intrinsics"].value
-    assert "protocols/calibration.yaml" in results["calibration plane"].solution
+    for kind, how in (("plane", "protocols/calibration.yaml"), ("template", "calibrate template")):
+        assert how in results[f"calibration {kind}"].solution
 
 
 def test_a_camera_that_reports_another_focus_fails_the_check(tmp_path: Path) -> None:

@@ -38,6 +38,7 @@ MOST_GROUPS_IN_PAIRS = 12
 """A pair takes a third of a second where there are many groups, and a page of 66 pairs is as much as anybody reads."""
 _MOST_HINTED = 15
 _MOST_KEYS = 2
+_OWN_SEED = " These gels have the same seed, name and needle; another seed in each protocol draws others."
 _BY_RUN = ("roll", "lighting")
 _TALK = frozenset({"title", "notes", "operator"})
 NAMING = _TALK | {"seed", "specimen", "specimens", "needle_id"}
@@ -318,16 +319,20 @@ def _test_pairs(samples: Mapping[str, Sequence[float]], shared: pd.DataFrame) ->
 
 
 def _note_shared(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[str]:
-    """Say so where groups share blocks, or seeds of simulated runs, so that their measurements are paired."""
+    """Say so where groups share blocks of gel, or what a seed draws for the same names, so that they are paired.
+
+    A simulated world draws by seed and specimen, a hole also by needle: other names share nothing that is measured.
+    """
     drawn = [run.run.manifest.get("seed") for run in runs if run.about.simulated]
     seeds = {run.name: seed for run in runs if drawn.count(seed := run.run.manifest.get("seed")) > 1}
-    for noun, kept in (("specimen", counted["block"]), ("seed", counted["run"].map(seeds))):
+    names = counted.reindex(columns=["specimen", "needle_id"]).astype("string").fillna("")
+    same = counted["run"].map(seeds).astype("string") + "/" + names["specimen"] + "/" + names["needle_id"]
+    for noun, kept, advice in (("specimen", counted["block"], ""), ("simulated gel", same, _OWN_SEED)):
         shared = int((counted.groupby(kept)["group"].nunique() > 1).sum())
         if shared and counted["group"].duplicated().any():
-            advice = " Give each protocol its own seed if its gels shall be drawn independently."
             yield (
                 f"{format_count(shared, noun)} {'is' if shared == 1 else 'are'} in more than one group. What is common "
-                f"cancels in their difference, but these tests do not pair.{advice if noun == 'seed' else ''}"
+                f"cancels in their difference, but these tests do not pair.{advice}"
             )
 
 

@@ -136,12 +136,12 @@ def _locate(detail: Mapping[str, Any], tree: Tree) -> KeyPath:
     return path
 
 
-def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFault:
-    """Return the fault of a section whose key `path[-1]` names none of `choices`, or is missing."""
+def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...], likely: str = "") -> InputFault:
+    """Return the fault of a section whose key `path[-1]` names none of `choices`, or is missing: `likely` is hinted."""
     key, listed = path[-1], ", ".join(map(show_key, choices))
     if not tree.holds(path):
         message = f"{key} is missing, must be one of {listed}"
-        return tree.fault(path, message, f"add a line such as `{key}: {choices[0]}`")
+        return tree.fault(path, message, f"add a line such as `{key}: {likely or choices[0]}`")
     chosen = tree.value(path)
     hint = choice_hint(str(chosen), choices)
     return tree.fault(path, f"{key} is {show(chosen)}, must be one of {listed}", hint)

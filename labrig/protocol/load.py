@@ -81,9 +81,10 @@ def load_recorded_protocol(
 def _find_model(tree: Tree, models: Models) -> type[ExperimentProtocol]:
     if not tree.holds(("experiment",)):
         require_kind(tree, _OTHER_KINDS)
-    model = models.get(str(tree.value(("experiment",))))
+    model, keys = models.get(str(tree.value(("experiment",)))), tree.section(()).keys()
     if model is None:
-        raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models))])
+        best = max(models, key=lambda one: (len((own := models[one].model_fields.keys()) & keys), -len(own)))
+        raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models), best)])
     return model
 
 

@@ -105,7 +105,7 @@ def test_what_is_missing_is_told_with_what_it_holds():
     assert (message, hint) == ("sheath is missing", "The tube that brings the needle into the gel.")
     ((_, _, message, hint),) = list_problems(change("experiment: steerability\n", ""))
     assert message.startswith("experiment is missing, must be one of camera-calibration, design, import")
-    assert hint == "add a line such as `experiment: camera-calibration`"
+    assert hint == "add a line such as `experiment: steerability`"
 
 
 def test_a_file_with_hundreds_of_faults_tells_the_first_fifty():

@@ -61,9 +61,7 @@ def import_(
             "seed": 0,
             "needle": {"needle_id": "unknown", "diameter_mm": needle_diameter_mm},
             "sheath_diameter_mm": sheath_diameter_mm,
-            "scale": None
-            if px_per_mm is None
-            else {"px_per_mm": px_per_mm, "origin_px": origin_px, "insertion": insertion},
+            "scale": px_per_mm and {"px_per_mm": px_per_mm, "origin_px": origin_px, "insertion": insertion},
             "analysis": settings.model_dump(exclude={"needle_diameter_mm"}, exclude_none=True),
         }
         protocol = validate_values(values, "labrig import", ImportProtocol)

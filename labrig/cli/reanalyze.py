@@ -94,7 +94,9 @@ def _show(path: Path, outcome: Any) -> Row:
     rows = [
         [label_key(name), before.get(name), value]
         for name, value in now.items()
-        if name in of_the_run or before.get(name, value) != value
+        if name in of_the_run
+        or before.get(name, value) != value
+        or (old is None and name.endswith(": radius_mm"))  # all that pictures which belong to no gel tell
     ]
     _print_values(rows, path.name, has_pictures=bool(new.get("measurements")))
     row: dict[str, object] = {"analysis": str(outcome.path), "reason": _find_missing_needle(new)}

@@ -1,6 +1,6 @@
 """Options that several commands share, and the files that they name."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
@@ -60,10 +60,7 @@ def _find_runs(given: Any) -> Any:
     return require_run_folder(given, choose_runs_dir().path)
 
 
-_RUN: Mapping[str, Any] = {
-    "help": "Folder of a run, its name in data/runs, or last.",
-    "autocompletion": _complete_run,
-}
+_RUN: Any = {"help": "Folder of a run, its name in data/runs, or last.", "autocompletion": _complete_run}
 ProtocolArgument = Annotated[
     Path, _name_file("PROTOCOL", "Protocol file, or its name in the lab folder.", list_protocols)
 ]

@@ -35,8 +35,9 @@ def run(
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     chosen = choose_runs_dir(runs_dir)
-    if runs_dir is None:  # before the imports, which take a second
-        say(f"reading {protocol}; the record will go to {chosen.path}, {chosen.reason}")
+    new = "" if runs_dir is None or runs_dir.is_dir() else ", a new folder"
+    if runs_dir is None or new:  # before the imports, which take a second
+        say(f"reading {protocol}; the record will go to {chosen.path}, {chosen.reason}{new}")
     if run_name is not None:
         from labrig.record.writer import require_free_name
 

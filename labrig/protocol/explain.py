@@ -121,7 +121,8 @@ class _Spot:
         value = self._tree.value(path)
         must = f", must be {message.removeprefix(_MUST)}" if message.startswith(_MUST) else f": {message}"
         choices = re.findall(r"'([^']*)'", self._detail.get("ctx", {}).get("expected", ""))
-        told = str(schema.get("description", ""))
+        known = ", ".join(schema.get("properties", ())) if self.kind == "model_type" else ""
+        told = " Its keys: ".join(filter(None, (schema.get("description", ""), known)))
         hint = choice_hint(value, choices) if choices and isinstance(value, str) else told
         return self._tree.fault(path, f"{name} is {show(value)}{must}", hint)
 

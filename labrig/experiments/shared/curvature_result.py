@@ -102,7 +102,6 @@ _HEADS = ("specimen", "gelatin %", "n", "refused", "radius mm", "SD mm", "95 % i
 
 def summarise(document: Mapping[str, Any]) -> Summary:
     """Return the paper's table, a row for each needle and gel; imported pictures have none."""
-    groups = document["specimens"]
     rows = tuple(
         (
             group["name"],
@@ -113,6 +112,6 @@ def summarise(document: Mapping[str, Any]) -> Summary:
             number(group["sd_radius_mm"]),
             interval(group["ci95_mm"]),
         )
-        for group in groups
+        for group in document["specimens"]
     )
     return (TextTable(_HEADS, rows),) if rows else ()

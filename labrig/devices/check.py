@@ -32,11 +32,11 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
 
     A device that cannot be reached is a failed result, not an error.
     """
-    problems = find_problems(rig)
     return [
-        *(CheckResult(each.where, CheckStatus.FAIL, each.message, each.hint) for each in problems),
+        *(CheckResult(each.where, CheckStatus.FAIL, each.message, each.hint) for each in find_problems(rig)),
         *_check_devices(rig),
         *check_calibration(rig),
+        *_check_template(rig),
         _check_state(rig),
     ]
 
@@ -48,8 +48,7 @@ def _check_devices(rig: RigDescription) -> list[CheckResult]:
             stack.enter_context(acquire_rig(rig, "labrig devices check"))
             hardware = make_hardware(rig, seed=0)
         except LockedError as error:
-            value = f"{error.message}: bus, drives and camera are not looked at"
-            return [warned("rig", value, error.hint)]
+            return [warned("rig", f"{error.message}: bus, drives and camera are not looked at", error.hint)]
         except LabrigError as error:
             return [failed("rig", error)]
         stack.callback(hardware.close)
@@ -119,10 +118,14 @@ def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
 
     yield _check_calibration_file(rig, "intrinsics", lens, how)
     yield _check_calibration_file(rig, "plane", plane, how)
-    if rig.calibration.template is not None:
-        yield _check_calibration_file(rig, "template", _describe_tip, "labrig calibrate template makes one")
     if rig.calibration.mask is not None:
         yield _check_calibration_file(rig, "mask", partial(_describe_mask, rig), _DRAW_MASK)
+
+
+def _check_template(rig: RigDescription) -> Iterator[CheckResult]:
+    """Check the template of the tip, if one is named: by what does not steer none is needed."""
+    if rig.calibration.template is not None:
+        yield _check_calibration_file(rig, "template", _describe_tip, "labrig calibrate template makes one")
 
 
 def _describe_tip(path: Path) -> str:

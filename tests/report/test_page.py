@@ -232,7 +232,7 @@ def test_imported_pictures_have_a_page_of_their_own(tmp_path: Path) -> None:
     stated = r"a radius can be stated in 1: 2[78]\.\d\d mm, with a standard deviation of 0\.\d\d mm\."
     assert re.search(f"Shaft and tip were found in 1 of 2 pictures; {stated}", words)
     assert re.search(r"photo0\.jpg yes −\d\d\.\d\d \d\d\.\d\d 0\.\d\d \d\d\.\d 2[78]\.\d\d", words)
-    assert re.search(r"photo1\.jpg no – – – – – – no No needle", words)
+    assert re.search(r"photo1\.jpg no – – – – – – – no No needle", words)
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def _print(document: dict[str, Any]) -> None:
         [place, number(arc["roll_rad"], 4), number(arc["angle_rad"], 4), number(arc["length_mm"], 2)]
         for place, arc in enumerate(document["arcs"], start=1)
     ]
-    print_table(("arc", "roll rad", "angle rad", "length mm"), rows)
+    print_table(("arc", "turn rad", "angle rad", "length mm"), rows)
     x, y, z = document["tip_mm"]
     print_line(
         f"\n{format_count(len(rows), 'arc')}, {document['length_mm']:.1f} mm, tip at {x:.2f}, {y:.2f}, {z:.2f} mm, "

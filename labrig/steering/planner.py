@@ -31,7 +31,7 @@ _MENDING_STEPS = 5
 
 @dataclass(frozen=True)
 class PlannedArc:
-    """One arc: the roll before it, relative to the roll so far, and its angle and length."""
+    """One arc: how far the bevel turns before it, `roll_rad`, and its angle and length."""
 
     roll_rad: float
     angle_rad: float

@@ -17,7 +17,7 @@ HOME_ORDER = ("linear", "insertion", "rotation")
 
 ZEROS = {
     "insertion": "the needle's tip, or the end of the bare screw's carriage, flush with the end of the sheath",
-    "rotation": "the bevel, or its mark on the chuck, at roll zero",
+    "rotation": "the bevel, or its mark on the chuck, at roll 0",
     "linear": "the sheath's end just before the gel's place",
 }
 """Where the zero of each axis is."""

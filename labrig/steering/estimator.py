@@ -83,7 +83,7 @@ def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order
     method : {"error-state", "paper"}
         The default filter, or the paper's as corrected.
     start : (4, 4) array or None
-        The pose at the first position; None: along z, with the bevel at roll zero.
+        The pose at the first position; None: along z, with the bevel at roll 0.
 
     Returns
     -------

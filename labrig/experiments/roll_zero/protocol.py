@@ -7,7 +7,7 @@ from labrig.protocol.sections import RollZeroSearch, RollZeroSteps
 
 
 class RollZeroProtocol(RollZeroSearch):
-    """Find the roll of the rotation axis that bends the needle towards -y, and certify it for the needle as clamped."""
+    """Find the position of the rotation axis that bends the needle towards -y, and certify it for the needle."""
 
     pictures_decide_motion: ClassVar[bool] = True
 

@@ -33,7 +33,7 @@ class Insertion(Model):
     frame_every_mm: PositiveMm
     """Inserted length between two pictures [mm]."""
     bevel_roll_rad: float = Field(0.0, ge=-2 * pi, le=2 * pi)
-    """Roll of the bevel before the insertion, kept through it [rad]; 0 bends towards -y."""
+    """Roll of the bevel before the insertion, kept through it [rad]; at 0, set by eye, it bends towards -y."""
 
     def list_stops_mm(self) -> list[float]:
         """Return the inserted lengths at which a picture is taken on the way [mm]; the end has its own picture."""

@@ -45,8 +45,8 @@ class MountNeedle(OperatorRequest):
 class ConfirmAxesAtZero(OperatorRequest):
     """Confirm that the axes stand at zero, and no needle is in tissue.
 
-    The needle's tip is flush with the end of the sheath, which is just before the gel. The bevel is turned, by eye, so
-    that the needle bends towards -y. These positions become zero.
+    The needle's tip is flush with the end of the sheath, which is just before the gel's place. The bevel is turned,
+    by eye, so that the needle bends towards -y. These positions become zero.
     """
 
 

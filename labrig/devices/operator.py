@@ -76,7 +76,7 @@ class ShiftToHole(OperatorRequest):
 class HoldBoard(OperatorRequest):
     """Hold the chessboard ({columns} x {rows} corners, {square_mm:g} mm squares) still: view {number} of {views}.
 
-    Tilt it otherwise than before.
+    Tilt it otherwise for each view.
     """
 
     view: int

@@ -45,7 +45,7 @@ def test_the_simulated_rig_is_in_order() -> None:
     ("drive", "section", "check", "status", "words"),
     [
         ({co.REVISION: 0x21260000}, {}, "drive", WARN, "its EDS file is for revision 0x21220000"),
-        ({}, {}, "drive", PASS, "serial 1001, fingerprint [0, 0]"),
+        ({}, {}, "drive", PASS, "configuration_fingerprint [0, 0] (date, time"),
         ({}, {"configuration_fingerprint": (1, 2)}, "settings", FAIL, "[0, 0]"),
         ({}, {"counts_per_turn": 2048.0}, "settings", FAIL, "counts_per_turn 2000"),
         ({}, {"counts_per_turn": None}, "settings", FAIL, "counts_per_turn 2000"),
@@ -167,8 +167,8 @@ def test_currents_inputs_and_camera_are_checked() -> None:
         )
     )
     for check, status, words in (
-        ("current insertion", WARN, "limit 25000 mA, the drive's own; not guarded against a stall"),
-        ("current rotation", PASS, "0 mA; limit 800 mA, the drive's own 25000 mA"),
+        ("current insertion", WARN, "limit 25000 mA, the drive's own setting; not guarded against a stall"),
+        ("current rotation", PASS, "0 mA; limit 800 mA, the drive's own setting 25000 mA"),
         ("limits linear", FAIL, "has a limit of 25000, the rig file says max_current_ma 26000"),
         ("input force", PASS, "0 N at analog-1 of the drive of axis insertion, limits [-5, 5] N"),
         ("input door", WARN, "off"),

@@ -46,9 +46,8 @@ def _check_identity(drive: Cia402Drive, name: str) -> CheckResult:
     versions = (f"{key.replace('_', ' ')} 0x{value:08X}" for key, value in identity.versions.items())
     value = ", ".join((f"node {drive.node_id}: {identity.model}", *versions))
     value += "" if identity.serial_number is None else f", serial {identity.serial_number}"
-    value += (
-        f", fingerprint {list(drive.read_fingerprint())} of its settings" if drive.model.fingerprint else ""
-    )
+    if drive.model.fingerprint:
+        value += f", configuration_fingerprint {list(drive.read_fingerprint())} (date, time of settings)"
     if not identity.doubt:
         return passed(f"drive {name}", value)
     solution = "a run reads every setting back; try homing, jog and the emergency stop without a needle first"
@@ -72,10 +71,10 @@ def _check_current(drive: Cia402Drive, name: str) -> CheckResult:
         value = f"{now}; neither limited nor guarded against a stall: no current limit of this drive is known"
         return warned(check, value, "name its object in the rig file, or set the limit in the drive")
     if asked_ma is None:
-        value = f"{now}; limit {own_ma} mA, the drive's own; not guarded against a stall"
+        value = f"{now}; limit {own_ma} mA, the drive's own setting; not guarded against a stall"
         least = "the least with which the axis still moves freely, and some more"
         return warned(check, value, f"write axes.{name}.max_current_ma: {least}")
-    return passed(check, f"{now}; limit {asked_ma} mA, the drive's own {own_ma} mA")
+    return passed(check, f"{now}; limit {asked_ma} mA, the drive's own setting {own_ma} mA")
 
 
 def _check_inputs(drive: Cia402Drive, name: str) -> Iterator[CheckResult]:

@@ -19,7 +19,8 @@ What is decided here
   through NMT stop and reset communication, and a homing search without a stop never ends.
 - Unsure, for want of a device to compare with: whether the errors that only the EPOS2 has (0x5114, 0xFF0C to 0xFF12)
   brake, as here, or switch the power stage off at once; the order in which a mapping may be written; the bits of
-  0x2071:01; ranges of 0x2070; the default of 0x6007; whether the attained bit of a homing outlives power off, as here.
+  0x2071:01; ranges of 0x2070; the defaults of 0x6007 and of 0x6410:02, here 25000 mA, which is more than a 24/5 gives;
+  whether the attained bit of a homing outlives power off, as here.
 - Left out is what labrig's driver does not use: other modes than profile position and homing, set-points that wait or
   are relative, PDOs that are received, requested or sent on change, node guarding, storing, homing to the home switch
   alone, another reaction to a lost heartbeat than a fault, errors older than the newest, and SDO transfers of more than

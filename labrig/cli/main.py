@@ -76,7 +76,7 @@ COMMANDS: Mapping[str, tuple[_Command, str]] = {
     "calibrate adopt": (calibrate.adopt, "Copy the calibration of a calibration run to the rig's files."),
     "measure curvature": (measure.curvature, "Measure shaft, tip and radius of curvature in each picture."),
     "measure tip": (measure.tip, "Find the needle's tip in each picture by a template."),
-    "devices check": (devices.check, "Check bus, drives, camera, calibration and rig state, and say what to do."),
+    "devices check": (devices.check, "Check bus, drives, camera, calibration and state, and say what to do."),
     "devices stop": (devices.stop, "Stop every axis of the rig now, also under another labrig."),
     "devices camera": (devices.camera, "Show the camera's picture, how good it is, and what is in it."),
     "devices home": (devices.home, "Home axes after confirmation; refused with a needle in tissue."),

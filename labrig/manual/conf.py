@@ -57,12 +57,13 @@ def _describe_keys(title: str, file: Path) -> str:
     for name, section in (("The file", schema), *sorted(schema["$defs"].items())):
         if "properties" in section:
             lines += [f"\n### {name}\n", "| key | default | meaning |", "|---|---|---|"]
-            lines += [_describe_key(key, value) for key, value in section["properties"].items()]
+            needed = section.get("required", [])
+            lines += [_describe_key(key, value, needed) for key, value in section["properties"].items()]
     return "\n".join(lines) + "\n"
 
 
-def _describe_key(key: str, value: dict[str, Any]) -> str:
-    default = f"`{json.dumps(value['default'])}`" if "default" in value else ""
+def _describe_key(key: str, value: dict[str, Any], needed: list[str]) -> str:
+    default = f"`{json.dumps(value['default'])}`" if "default" in value else "required" * (key in needed)
     cells = (f"`{key}`", default, value.get("description", ""))
     return (
         "| "

@@ -284,7 +284,7 @@ def _judge(found: _Match, distinctness: float, start: _Match, *, predicted: bool
     if turned_rad > _MOST_TURNED_RAD or moved_px > most_moved * min(start.template.picture.shape):
         return (
             f"The fit went {moved_px:.1f} px and {math.degrees(turned_rad):.1f} degrees away from the best place, "
-            "so it is not to be trusted."
+            "so it is not to be trusted; a heading that was given may be wrong."
         )
     return None
 

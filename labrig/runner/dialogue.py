@@ -171,8 +171,8 @@ class Dialogue:
         reasons = [getattr(error, "reason", "refused") for error in counted]
         worst = min(range(len(counted)), key=lambda place: reasons[place] == "reached_in_plane_only")
         return TrialsFailedError(
-            f"{len(counted)} of {format_count(self.planned, self._noun)} failed; "
-            f"{(why := reasons[worst].replace('_', ' '))}: {counted[worst].message.removeprefix(f'{why}, so ')}",
+            f"{len(counted)} of {format_count(self.planned, self._noun)} failed; {reasons[worst].replace('_', ' ')}: "
+            f"{counted[worst].message}",
             counted[worst].hint or ("the report shows which, and why" if self.planned > 1 else ""),
             reason=reasons[worst],
         )

@@ -222,7 +222,7 @@ def _describe(
     refusal = None
     assumed = any(question.request in _ANSWERED for question in questions) and rig.world is None
     if isinstance(error, TargetMissedError) and error.reason in _SURE and not assumed:
-        refusal = Problem("target", error.message.replace(" failed; ", " would fail; ", 1), error.hint)
+        refusal = Problem("target", error.message, error.hint)
     return RunPlan(
         trials=trials,
         duration_s=share * virtual.clock.now_s(),

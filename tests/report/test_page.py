@@ -77,7 +77,7 @@ def test_no_line_ends_before_a_unit_and_the_words_of_the_page_are_explained(page
     assert re.search(r"27\.\d\d\u00a0mm", text)
     before, explained, after = re.split("<h2>(?:Words|Provenance)</h2>", page.html.replace("\u00a0", " "))
     words = re.findall(r"<dt>(.*?)</dt><dd>.{10,}</dd>", explained)
-    assert {"SD", "sheath", "plane map", "median"} <= set(words)
+    assert {"SD", "sheath", "graph paper", "median"} <= set(words)
     assert "NIS" not in words
     assert [word for word in words if (before + explained + after).lower().count(word.lower()) < 2] == []
 

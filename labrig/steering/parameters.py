@@ -108,8 +108,8 @@ class SteeringPolicy(Model):
     """Largest angle between a path and its direction at the start, if a path within it exists: a needle that leads
     far aside has no curvature left for corrections. The paper has no limit [deg]."""
     turning: Turning = "compensated"
-    """How the bevel is turned against torsion of the needle: compensated, in the directions whose lags displace the
-    tip least, and past the angle by the measured lag and back; back_and_forth, half a turn and back."""
+    """How the bevel is turned against torsion of the needle: compensated, in the direction whose lag displaces the tip
+    least, past the wanted angle by the measured lag and back; back_and_forth, half a turn and back."""
 
     def find_acting_mm(self, made_at_mm: float) -> float:
         """Return the insertion length at which a turn of the bevel made at a length acts."""

@@ -123,7 +123,7 @@ def write_report(
         "unreadable": unreadable,
         "damage": () if result is None else [fault for fault in result.content.damage if fault not in known],
         "trials": trials,
-        "unended": trials[-1].start.trial + 1 if trials and trials[-1].stop is None else None,
+        "unended": trials[-1].start.trial if trials and trials[-1].stop is None else None,
         "ended": sum(trial.exit_status not in {INCOMPLETE, INTERRUPTED} for trial in trials),
         "done": sum(trial.exit_status == "success" and not trial.left_out for trial in trials),
         "decisions": list_decisions(run),

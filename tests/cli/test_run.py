@@ -422,8 +422,7 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
     run = cut_short(sweep.run, tmp_path / "run", float(open_run(cut).states["t_s"].iloc[-1]))
     kept = {path.name: path.read_bytes() for path in (run / "frames").iterdir()}
     done = labrig("resume", run, "--json")
-    assert done.exit_code == 0
-    assert done.json()["exit_status"] == "success"
+    assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
     trials = open_run(run).trials.set_index("trial")
     assert list(trials["exit_status"]) == ["success", "interrupted", "success", "success", "success"]
     assert list(trials.index) == [0, 1, 4, 2, 3]
@@ -435,6 +434,7 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
         digests = [list(frames[frames["trial"] == trial]["sha256"]) for frames in (ours, theirs)]
         assert digests[0] == digests[1]
     assert [row["n"] for row in done.json()["result"]["specimens"]] == [2, 2]
+    assert {row["trial"] for row in done.json()["result"]["measurements"]} == {0, 2, 3, 4}
     assert {name: (run / "frames" / name).read_bytes() for name in kept} == kept
     assert check_run(run).damage == ()
     page = (run / "report.html").read_text(encoding="utf-8")

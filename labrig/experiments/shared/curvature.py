@@ -58,11 +58,12 @@ def analyze(run: Run, protocol: MeasuredProtocol, request: AnalysisRequest) -> F
         When the run has no map from pixels to mm.
     """
     settings, roll_sd_deg = make_settings(protocol), protocol.analysis.roll_sd_deg
-    # An interrupted trial was repeated as another trial, as was one that a person had made again.
+    # An interrupted trial was repeated as another trial, as was one that a person had made again: neither is measured.
     recorded = run.read_trials(SpecimenTrialStart, TrialStop)
     kept = [trial.start for trial in recorded if trial.exit_status != INTERRUPTED and not trial.left_out]
     trials: dict[int | None, SpecimenTrialStart] = {start.trial: start for start in kept}
-    lines, plane = [line for line in run.frame_lines if line.role in MEASURED_ROLES], load_plane_map(run)
+    counted = [line for line in run.frame_lines if line.trial in trials or not recorded]
+    lines, plane = [line for line in counted if line.role in MEASURED_ROLES], load_plane_map(run)
     measured, (origins, sentinel) = measure_pictures(
         tuple(run.pictures.places[line.frame] for line in lines),
         plane,
@@ -102,9 +103,7 @@ def analyze(run: Run, protocol: MeasuredProtocol, request: AnalysisRequest) -> F
         sentinel=sentinel,
         not_in_interval=list_not_in_interval(plane, (result.radius_budget_mm for result in results)),
     )
-    shafts = {
-        line.frame: found.line for line, found in zip(lines, measured, strict=True) if found.line is not None
-    }
+    shafts = {line.frame: one.line for line, one in zip(lines, measured, strict=True) if one.line is not None}
     return Findings(content, partial(save_centre_lines, shafts))
 
 

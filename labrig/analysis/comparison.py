@@ -39,7 +39,6 @@ MOST_GROUPS_IN_PAIRS = 12
 _MOST_HINTED = 15
 _MOST_KEYS = 2
 _OWN_SEED = " These gels have the same seed, name and needle; another seed in each protocol draws others."
-_BY_RUN = ("roll", "lighting")
 _TALK = frozenset({"title", "notes", "operator"})
 NAMING = _TALK | {"seed", "specimen", "specimens", "needle_id"}
 _OF_POLICY = {f"{section}.{key}" for section, values in PAPER_SECTIONS.items() for key in values}
@@ -271,8 +270,9 @@ def _total(errors: "pd.Series[float] | None") -> SharedErrors | None:
     """
     if errors is None:
         return None
-    sums, squares = (of.groupby("source", sort=False).sum(skipna=False) for of in (errors, errors**2))
-    by_source = (squares**0.5).clip(lower=sums.abs().where(sums.index.isin(_BY_RUN), 0.0))
+    parts = errors.groupby("source", sort=False)
+    roots, sums = parts.agg(np.linalg.norm), parts.agg(lambda part: part.sum(skipna=False))
+    by_source = roots.clip(lower=sums.abs().where(sums.index.isin(["roll", "lighting"]), 0.0))
     known = by_source.dropna()
     if known.empty:
         return None

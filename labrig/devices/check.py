@@ -123,7 +123,7 @@ def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
 
 
 def _check_template(rig: RigDescription) -> Iterator[CheckResult]:
-    """Check the template of the tip, if one is named: by what does not steer none is needed."""
+    """Check the template of the tip, if one is named: only what steers needs it."""
     if rig.calibration.template is not None:
         yield _check_calibration_file(rig, "template", _describe_tip, "labrig calibrate template makes one")
 

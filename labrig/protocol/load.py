@@ -81,9 +81,10 @@ def load_recorded_protocol(
 def _find_model(tree: Tree, models: Models) -> type[ExperimentProtocol]:
     if not tree.holds(("experiment",)):
         require_kind(tree, _OTHER_KINDS)
-    model, keys = models.get(str(tree.value(("experiment",)))), tree.section(()).keys()
+    model = models.get(str(tree.value(("experiment",))))
     if model is None:
-        best = max(models, key=lambda one: (len((own := models[one].model_fields.keys()) & keys), -len(own)))
+        keys = {name: models[name].model_fields.keys() for name in models}
+        best = max(keys, key=lambda name: (len(keys[name] & tree.section(()).keys()), -len(keys[name])))
         raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models), best)])
     return model
 

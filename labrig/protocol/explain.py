@@ -101,7 +101,7 @@ class _Spot:
             kinds = self._here["discriminator"]
             yield choice_fault(tree, (*path, kinds["propertyName"]), tuple(kinds["mapping"]))
         elif self.kind == "missing" and isinstance(path[-1], int):
-            yield self._refuse_value(path[:-1], f"{_MUST}a list of more entries", self._around)
+            yield self._refuse_value(path[:-1], f"{_MUST}a list of {self._around['minItems']}", self._around)
         elif self.kind == "missing":
             yield tree.fault(path, f"{show_key(path[-1])} is missing", self._here.get("description", ""))
         elif self.kind != "too_short" or len(self._detail["input"]) < self._detail["ctx"]["min_length"]:

@@ -41,6 +41,8 @@ from labrig.record.layout import EVENT_LINES, INCOMPLETE
 
 INTERRUPTED = "interrupted"
 """`exit_status` of a trial that a later session found without a stop."""
+UNENDED = (INCOMPLETE, INTERRUPTED)
+"""`exit_status` of a trial in whose place another is made when its run goes on."""
 _HINT = "no labrig wrote it so; take the file from a copy of the run"
 
 

@@ -27,7 +27,7 @@ from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, RecordError
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_text import load_yaml_values
-from labrig.record.events import INTERRUPTED, TrialStart, TrialStop
+from labrig.record.events import UNENDED, TrialStart, TrialStop
 from labrig.record.layout import INCOMPLETE, is_simulated
 from labrig.record.notes import Annotations
 from labrig.record.reader import Run
@@ -123,8 +123,7 @@ def write_report(
         "unreadable": unreadable,
         "damage": () if result is None else [fault for fault in result.content.damage if fault not in known],
         "trials": trials,
-        "unended": trials[-1].start.trial if trials and trials[-1].stop is None else None,
-        "ended": sum(trial.exit_status not in {INCOMPLETE, INTERRUPTED} for trial in trials),
+        "ended": sum(trial.exit_status not in UNENDED for trial in trials),
         "done": sum(trial.exit_status == "success" and not trial.left_out for trial in trials),
         "decisions": list_decisions(run),
         "last_picture": None
@@ -207,6 +206,7 @@ _FILTERS = {
     "medians": _take_medians,
     "mode": statistics.mode,
     "dist": math.dist,
+    "sd": statistics.stdev,
     "bind_units": _bind_units,
     "said_in": _select_said,
     "in_words": lambda key: split_key(key)[0].replace("_", " "),

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from labrig.devices.axis_positions import AxisPositions
-from labrig.record.events import INTERRUPTED, NO_DECISIONS, Decisions, RecordedTrial
-from labrig.record.layout import INCOMPLETE
+from labrig.record.events import NO_DECISIONS, UNENDED, Decisions, RecordedTrial
 
 T = TypeVar("T")
 
@@ -33,7 +32,7 @@ AnyTrial: TypeAlias = RecordedTrial[Any, Any]
 
 def is_lost(trial: AnyTrial, decisions: Decisions) -> bool:
     """Return whether another trial takes its place: it was interrupted, or a person has had it made again."""
-    return trial.exit_status in {INCOMPLETE, INTERRUPTED} or trial.start.trial in decisions.repeated
+    return trial.exit_status in UNENDED or trial.start.trial in decisions.repeated
 
 
 @dataclass(frozen=True)

@@ -44,16 +44,15 @@ DESIGNS = {
 INSIDE = ("radius_mm=9", "radius_mm=49.3", "grid_points=3")
 """Just inside a limit of the designs that are refused."""
 NEEDLE = {"radius_mm": 30, "diameter_mm": 1.2}
-ENTRIES = "must be a list of more entries"
 SCENARIOS: Mapping[str, tuple[str, object, str]] = {
     "nan": ("clearance_mm", float("nan"), "must be a valid number"),
     "radius": ("needle", NEEDLE | {"radius_mm": 0}, "radius_mm is 0, must be greater than 0"),
-    "half": ("needle", NEEDLE | {"radius_range_mm": [28]}, f"radius_range_mm is [28], {ENTRIES}"),
+    "half": ("needle", NEEDLE | {"radius_range_mm": [28]}, "radius_range_mm is [28], must be a list of 2"),
     "range": ("needle", NEEDLE | {"radius_range_mm": [31, 33]}, "radius_range_mm is not about radius_mm, 30"),
     "obstacle": ("obstacles", [{"position_mm": [0, 0, 50], "radius_mm": -3}], "obstacles.0.radius_mm: radius_mm is -3"),
     "method": ("method", "magic", "must be 'best' or 'paper'"),
     "key": ("clearence_mm", 1, "unknown key clearence_mm"),
-    "point": ("target", {"position_mm": [0, 100]}, f"position_mm is [0, 100], {ENTRIES}"),
+    "point": ("target", {"position_mm": [0, 100]}, "position_mm is [0, 100], must be a list of 3"),
     "rotation": ("start", {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}, "upper left 3x3 of start is not a rotation"),
 }  # fmt: skip
 INTO_ITSELF = ("run", "run/tables", "empty/../run", "same", "same/frames")

@@ -60,7 +60,7 @@ WRONG = [
     (": steerability\n", ": sterability\n", "experiment", "must be one of", "mean steerability?"),
     (": steerability\n", ": 7\n", "experiment", "is 7, must be one of", "known here: camera-calibration"),
     # lists are told as a whole or by their entry, choices with the one that was probably meant
-    ("[150, 310]", "[320]", "plane.origin_px", "is [320], must be a list of more entries", "[px]"),
+    ("[150, 310]", "[320]", "plane.origin_px", "is [320], must be a list of 2", "[px]"),
     ("[150, 310]", "[320, 200, 1]", "plane.origin_px", "should have at most 2", "[px]"),
     ("[150, 310]", "320", "plane.origin_px", "is 320, must be a valid array", "[px]"),
     ("[150, 310]", "[320, left]", "plane.origin_px.1", 'origin_px.1 is "left", must be a valid number', ""),

@@ -441,7 +441,7 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
     assert {name: (run / "frames" / name).read_bytes() for name in kept} == kept
     assert check_run(run).damage == ()
     page = (run / "report.html").read_text(encoding="utf-8")
-    assert re.search("trial 2 was interrupted and repeated as trial 5.*Resumed with, session 2", page, re.DOTALL)
+    assert re.search("trial 2 was interrupted and repeated as trial 5.*Resumed with, session 2", page, re.S)
     (row,) = labrig("runs", "--runs-dir", tmp_path, "--json").json()
     assert (row["trials_done"], row["trials_planned"], row["exit_status"]) == (4, 4, "success")
 

@@ -1,6 +1,5 @@
 """`labrig reanalyze`: measures runs again and prints the new numbers beside the old ones."""
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict
@@ -49,9 +48,7 @@ def reanalyze(
 
     def list_works() -> Iterator[Work]:
         nonlocal measured
-        outcomes = door.reanalyze_runs(
-            runs, settings=overrides, workers=workers, attendant=attendant, command_line=sys.argv
-        )
+        outcomes = door.reanalyze_runs(runs, settings=overrides, workers=workers, attendant=attendant)
         with closing(outcomes):
             for run, outcome in outcomes:
                 measured += 1

@@ -102,7 +102,6 @@ def make_run(
     name: str | None = None,
     *,
     attendant: Attendant = _SILENT,
-    command_line: Sequence[str] = (),
 ) -> FinishedRun:
     """Run a protocol as `run` does, for whoever attends it, and return how it ended.
 
@@ -119,7 +118,7 @@ def make_run(
         rig,
         runs_dir,
         name,
-        tuple(command_line) or _name_program(),
+        _read_command_line(),
         sources.document(has_rig=rig is not None),
     )
     return perform(order, attendant)
@@ -136,7 +135,7 @@ def resume(run: AnyRun, *, rig: Path | str | None = None) -> Run:
         When it cannot be continued, nothing is changed then; and as it ended, when it did not succeed.
     """
     rig_file = None if rig is None else Path(rig)
-    return _open_finished(resume_run(open_run(run).path, rig_file, _name_program(), _SILENT))
+    return _open_finished(resume_run(open_run(run).path, rig_file, _read_command_line(), _SILENT))
 
 
 def check(
@@ -183,7 +182,7 @@ def reanalyze(run: AnyRun, *, settings: Sequence[str] = (), attendant: Attendant
             overrides=tuple(settings),
             progress=lambda done, total: progress(done / total, f"{done} of {total} {experiment.counts}"),
             created=SystemClock().utc(),
-            provenance=collect_provenance(_name_program()),
+            provenance=collect_provenance(_read_command_line()),
         )
 
 
@@ -193,7 +192,6 @@ def reanalyze_runs(
     settings: Sequence[str] = (),
     workers: int | None = None,
     attendant: Attendant = _SILENT,
-    command_line: Sequence[str] = (),
 ) -> Generator[tuple[Path, AnyResult | LabrigError], None, None]:
     """Measure several runs at once, as `reanalyze` does, and yield each with its result as it comes, or its error."""
     title = f"measuring {format_count(len(runs), 'run')}"
@@ -205,7 +203,7 @@ def reanalyze_runs(
             overrides=settings,
             progress=lambda done, of, run: progress(done / of, f"{done} of {of} pictures, {run.name}"),
             created=SystemClock().utc(),
-            provenance=collect_provenance(tuple(command_line) or _name_program()),
+            provenance=collect_provenance(_read_command_line()),
         )
 
 
@@ -292,5 +290,6 @@ def _find_runs_dir(given: Path | str | None) -> Path:
     return choose_runs_dir(None if given is None else Path(given)).path
 
 
-def _name_program() -> tuple[str, ...]:
-    return tuple(sys.argv[:1]) or ("python",)
+def _read_command_line() -> tuple[str, ...]:
+    """Return what was typed; of a notebook or a prompt, whose arguments say nothing, the name of the program."""
+    return tuple(sys.argv[:1] if hasattr(sys, "ps1") else sys.argv) or ("python",)

@@ -106,7 +106,7 @@ def list_runs(runs_dir: Path, where: str | None = None) -> list[RunSummary]:
         listed = [_summarise(run, _read_manifest(run, _SHOWN_BYTES)) for run in folders]
     else:
         listed = _find_runs(folders, condition)
-    return sorted(listed, key=lambda summary: summary.started or "", reverse=True)
+    return sorted(listed, key=lambda summary: (summary.started or "", summary.run.name), reverse=True)
 
 
 def manifest_fields(manifest: Mapping[str, object], notes: Annotations) -> dict[str, list[Any]]:

@@ -367,7 +367,7 @@ def _note_repeats(runs: Sequence[Measured]) -> Iterable[str]:
             alike[f"{record.manifest.get('seed')} {record.hashes.get(RIG)} {protocol}"].append(run.name)
     for names in alike.values():
         if len(names) > 1:
-            yield f"{_list_some(names)} are one simulation (protocol, rig, seed): one result, {len(names)} times."
+            yield f"{_list_some(names)} are one simulation (protocol, rig, seed): no {len(names)} independent results."
 
 
 def _note_run(run: Measured) -> Iterable[str]:

@@ -87,13 +87,10 @@ def intrinsics(
 def _print_intrinsics(document: Mapping[str, Any]) -> None:
     for name in ("fx", "fy", "cx", "cy"):
         sigma = document["sigma"][name]
-        print_line(
-            f"{name}  {document[name]:9.3f} px" + ("" if sigma is None else f"  ± {sigma:.3f} (1 sigma)")
-        )
+        print_line(f"{name}  {document[name]:9.3f} px{'' if sigma is None else f'  ± {sigma:.3f} (SD)'}")
     print_line("k1 k2 p1 p2 k3  " + " ".join(f"{value:.5f}" for value in document["distortion"]))
-    print_line(
-        f"residual {document['rms_px']:.3f} px rms, held out {number(document['holdout_rms_px'])} px rms"
-    )
+    held_out = number(document["holdout_rms_px"])
+    print_line(f"residual {document['rms_px']:.3f} px rms, held out {held_out} px rms")
     for told in ("effect", "board_warp"):
         if document[told] is not None:
             print_line(document[told]["sentence"])
@@ -109,6 +106,7 @@ def adopt(run_path: RunArgument, rig: RigOption = None, force: ForceOption = Fal
     from labrig.durable import write_atomically
     from labrig.experiments.registry import load_run_result
     from labrig.input_file import read_file
+    from labrig.record.layout import is_simulated
     from labrig.record.reader import open_run
     from labrig.vision.calibration_file import load_intrinsics, load_plane
 
@@ -122,12 +120,15 @@ def adopt(run_path: RunArgument, rig: RigOption = None, force: ForceOption = Fal
             f"the calibration of {run_path.name} was refused: {'; '.join(result.document['reasons'])}",
             "calibrate again as the reasons say; --force takes it over all the same",
         )
-    targets = load_rig(find_rig_file(rig)).calibration_paths()
+    adopting = load_rig(find_rig_file(rig))
+    if is_simulated(run.manifest) and adopting.kind == "bench":
+        told = f"{run_path.name} calibrated a simulated camera, and rig {adopting.name} is a bench"
+        raise InputError(told, f"calibrate its own: labrig run protocols/calibration.yaml {adopting.option}")
+    targets = adopting.calibration_paths()
     for path in targets.values():
         require_writable(path, force, "replace the old one with --force; the run that made it keeps it")
-    view = load_plane(
-        result.path / "plane.json", load_intrinsics(result.path / "intrinsics.json")
-    ).view_sentence()
+    lens = load_intrinsics(result.path / "intrinsics.json")
+    view = load_plane(result.path / "plane.json", lens).view_sentence()
     for name, path in targets.items():
         write_atomically(path, read_file(result.path / name))
     written = [str(path) for path in targets.values()]

@@ -10,14 +10,13 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.durable import require_free_bytes
-from labrig.errors import FileFormatError, InputError, Problem, RecordError
+from labrig.errors import FileFormatError, InputError, Problem, RecordError, TrialsFailedError
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.library.sources import find_recorded_rig, fit_rig, load_rig_for
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
-from labrig.record.events import TrialStart, TrialStop
-from labrig.record.layout import INCOMPLETE, find_rig_option, hash_file, is_simulated
+from labrig.record.layout import find_rig_option, hash_file, is_simulated
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, close_interrupted_run, reopen_run
@@ -29,6 +28,7 @@ from labrig.runner.past import read_past
 from labrig.runner.plan import count_needed_bytes, require_valid_calibration
 from labrig.runner.run_record import RunOrder
 from labrig.runner.session import Progress, Session
+from labrig.runner.trials import Past
 from labrig.runner.whole_run import FinishedRun, finish, record_on_rig
 from labrig.runner.withdrawal import read_needle_path
 from labrig.text import format_count
@@ -77,9 +77,11 @@ def resume_run(
     if plan.problems:
         raise FileFormatError(plan.problems)
     if not plan.trials:
-        return finish(_close_without_rig(path, command_line), experiment, command_line, attendant)
-    told = f"{format_count(past.kept, 'trial')} kept, {plan.trials} left{_name_broken(run)}"
-    attendant.say(f"{path}: {told}; the protocol is that of its record")
+        return finish(_close_without_rig(run, past, command_line), experiment, command_line, attendant)
+    told = f"{path}: {format_count(past.kept, 'trial')} kept, {plan.trials} left"
+    for lost in (trial.start.trial for trial in past.begun if trial.stop is None):
+        told += f"; trial {lost + 1} was interrupted and is made again"
+    attendant.say(f"{told}; the protocol is that of its record")
     require_free_bytes(path, count_needed_bytes(plan, description))
 
     def begin(rig: Rig, progress: Progress) -> Session:
@@ -91,16 +93,6 @@ def resume_run(
     go_on = partial(conduct, experiment, recorded, past=past)
     ended = record_on_rig(order, plan, attendant, begin, go_on)
     return finish(ended, experiment, command_line, attendant)
-
-
-def _name_broken(run: Run) -> str:
-    """Return which insertion is broken, as the end of a sentence; empty if none is."""
-    broken = [
-        trial.start.trial
-        for trial in run.read_trials(TrialStart, TrialStop)
-        if trial.exit_status == INCOMPLETE
-    ]
-    return "".join(f"; trial {trial + 1} was interrupted and is made again" for trial in broken)
 
 
 def _reopen_record(
@@ -161,7 +153,16 @@ def _load_same_rig(run: Run, protocol: ExperimentProtocol, given: Path | None) -
     return description
 
 
-def _close_without_rig(path: Path, command_line: tuple[str, ...]) -> FinishedRun:
-    """Close a run that was interrupted after its last insertion."""
-    close_interrupted_run(path, " ".join(("labrig", *command_line[1:])), SystemClock().utc())
-    return FinishedRun(path, Outcome("success", "", None))
+def _close_without_rig(run: Run, past: Past, command_line: tuple[str, ...]) -> FinishedRun:
+    """Close a run that was interrupted after its last insertion; one that has failed by its insertions is closed."""
+    outcome, left_out = Outcome("success", "", None), past.decisions.explain_left_out
+    stops = [trial.stop for trial in past.begun if trial.stop and not left_out(trial.start.trial)]
+    failed = [stop for stop in stops if stop.exit_status == "failed"]
+    if failed:
+        reason = failed[0].stop or "trial_failed"
+        told = f"{format_count(len(failed), 'trial')} failed; {reason.replace('_', ' ')}: {failed[0].cause}"
+        outcome = Outcome("failed", reason, TrialsFailedError(told, reason=reason))
+    if outcome.exit_status != run.manifest.get("exit_status"):
+        doing = " ".join(("labrig", *command_line[1:]))
+        close_interrupted_run(run.path, doing, SystemClock().utc(), outcome.exit_status, outcome.reason)
+    return FinishedRun(run.path, outcome)

@@ -458,11 +458,11 @@ def reopen_run(path: Path, doing: str) -> Recorder:
         raise
 
 
-def close_interrupted_run(path: Path, doing: str, ended: datetime) -> None:
-    """Close a run that was interrupted after its last trial, as a success. Raises as `reopen_run`."""
+def close_interrupted_run(path: Path, doing: str, ended: datetime, exit_status: str, reason: str) -> None:
+    """Close a run that was interrupted after its last trial. Raises as `reopen_run`."""
     recorder = reopen_run(path, doing)
-    recorder.event("run_stop", 0.0, exit_status="success", reason="")
-    recorder.close("success", "", ended)
+    recorder.event("run_stop", 0.0, exit_status=exit_status, reason=reason)
+    recorder.close(exit_status, reason, ended)
 
 
 def _reopen(path: Path, lock: FileLock) -> Recorder:

@@ -328,7 +328,7 @@ class Session:
         if any(condition.action == "stop" for condition in met):
             raise ConditionMetError(
                 f"the protocol ends the run: {because}",
-                "look at the needle and the gel; labrig resume continues the run; trials are numbered from 0",
+                "look at the needle and the gel; labrig resume continues the run",
             )
         by = "condition" if met else self.dialogue.requests.find(point)
         if by is None:

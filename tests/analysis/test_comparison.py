@@ -145,7 +145,7 @@ def test_insertions_are_told_apart_by_their_intervals_in_space(tmp_path, low_mm,
 
 def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):
     """Runs of a simulated rig that differ in their notes alone repeat one another, and gels of one name and seed."""
-    once = "a, b are one simulation (protocol, rig, seed): one result, 2 times."
+    once = "a, b are one simulation (protocol, rig, seed): no 2 independent results."
     for rig, told in (("simulated", ["1 simulated gel is", once]), ("bench", [])):
         runs = [
             write_measured_run(tmp_path / rig, *of, rig=rig)

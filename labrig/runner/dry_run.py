@@ -11,7 +11,14 @@ from labrig.analysis.experiment import TaskOutcome
 from labrig.devices.needle_state import NEW, NeedleState
 from labrig.devices.operator import PickPixel
 from labrig.devices.rig_file import RigDescription
-from labrig.errors import BugError, FileFormatError, InputError, Problem, TargetMissedError
+from labrig.errors import (
+    BugError,
+    FileFormatError,
+    InputError,
+    MeasurementRefusedError,
+    Problem,
+    TargetMissedError,
+)
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import Event, Move, OperatorQuestion, TrialStart
 from labrig.runner.conduct import Outcome, conduct
@@ -219,10 +226,13 @@ def _describe(
         problems.append(Problem("protocol", error.message, error.hint))
     elif isinstance(error, TargetMissedError) and error.reason == "no_roll_zero":
         problems.append(Problem("roll_zero", error.message, error.hint))
-    refusal = None
+    elif isinstance(error, MeasurementRefusedError):
+        dialogue.warnings.append(
+            Problem("protocol", f"the rehearsal ended early: {error.message}", error.hint)
+        )
     assumed = any(question.request in _ANSWERED for question in questions) and rig.world is None
-    if isinstance(error, TargetMissedError) and error.reason in _SURE and not assumed:
-        refusal = Problem("target", error.message, error.hint)
+    # A dry run says for sure what nothing that is drawn decides.
+    sure = isinstance(error, TargetMissedError) and error.reason in {"no_path", "no_marker"} and not assumed
     return RunPlan(
         trials=trials,
         duration_s=share * virtual.clock.now_s(),
@@ -230,11 +240,7 @@ def _describe(
         pictures=round(share * (record.frames - record.drawn)),
         operator_steps=round(share * len(questions)),
         problems=tuple(problems),
-        refusal=refusal,
+        refusal=Problem("target", error.message, error.hint) if error and sure else None,
         warnings=tuple(dialogue.warnings),
         uses_calibration=record.sights > 0,
     )
-
-
-_SURE = ("no_path", "no_marker")
-"""What a dry run says for sure: nothing that is drawn decides it."""

@@ -216,10 +216,9 @@ def _describe(
     begun = record.count(TrialStart)
     trials = max(dialogue.planned - dialogue.past.kept, begun)
     share = trials / begun if begun else 1.0
-    problems = [*record.unfit, *virtual.refused.values()]
     error = outcome.error
     uncalibrated = find_calibration_problems(rig) if record.sights else ()
-    problems += [problem for problem in uncalibrated if problem not in problems]
+    problems = list(dict.fromkeys((*record.unfit, *virtual.refused.values(), *uncalibrated)))
     if isinstance(error, FileFormatError):
         problems += error.problems
     elif isinstance(error, InputError | BugError) and not problems:
@@ -228,7 +227,7 @@ def _describe(
         problems.append(Problem("roll_zero", error.message, error.hint))
     elif isinstance(error, MeasurementRefusedError):
         dialogue.warnings.append(
-            Problem("protocol", f"the rehearsal ended early: {error.message}", error.hint)
+            Problem("protocol", f"rehearsed, it ends early: {error.message}", error.hint)
         )
     assumed = any(question.request in _ANSWERED for question in questions) and rig.world is None
     # A dry run says for sure what nothing that is drawn decides.

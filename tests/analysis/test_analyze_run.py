@@ -133,10 +133,7 @@ analyze_run(run, find_run_experiment(run), workers=2, progress=die, created=NOW,
 
 
 def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(tmp_path):
-    """Reanalysis numbers its result on, names its parent, and rewrites no raw byte; a copy beside them is no result.
-
-    The newest is read, or the one asked for, as it was written.
-    """
+    """Reanalysis numbers its result on, names its parent, and rewrites no raw byte; a copy beside them is no result."""
     run = record_sweep(tmp_path)
     before = _raw_bytes(run.path)
     assert load_run_result(run) is None

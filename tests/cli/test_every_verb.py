@@ -199,3 +199,17 @@ def test_what_a_run_found_is_adopted_or_refused(kept: Path, tmp_path: Path, labr
     again, forced = labrig(*adopt), labrig(*adopt, "--force")
     assert (again.exit_code, "replace the old one with --force" in again.err) == (2, True)
     assert (forced.exit_code, "mm wide" in forced.out) == (0, True)
+    bench = shutil.copy(RIG.with_name("rig-bench.yaml"), tmp_path / "bench.yaml")
+    refused = labrig(*adopt[:-1], bench, "--force")
+    assert (refused.exit_code, "calibrated a simulated camera" in refused.err) == (2, True)
+
+
+def test_a_run_whose_insertion_failed_stays_failed_when_it_is_resumed(tmp_path: Path, labrig: Labrig) -> None:
+    """Nothing of it is left to be made: it is measured again, and its record is as it was."""
+    run, made = tmp_path / "near", ("--runs-dir", tmp_path, "--run-name", "near", "--rig", RIG, "--yes")
+    protocol = RIG.parents[1] / "protocols" / "insertion.yaml"
+    assert labrig("run", protocol, *made, "--set", "target.position_mm=[0,20,10]").exit_code == 1
+    before = (run / "SHA256SUMS").read_bytes()
+    assert (labrig("resume", run).exit_code, (run / "SHA256SUMS").read_bytes()) == (1, before)
+    checked = labrig("check", protocol, "--rig", RIG, "--set", "planner.radius_mm=15")
+    assert "warning: protocol: rehearsed, it ends early: the needle bends by" in checked.out + checked.err

@@ -150,10 +150,7 @@ def test_the_age_of_a_calibration_is_reported(tmp_path: Path) -> None:
 
 
 def test_currents_inputs_and_camera_are_checked() -> None:
-    """Limits of rig file and drive are named; an open door is a warning, because no run begins.
-
-    A camera that ignores a setting fails.
-    """
+    """Limits of rig file and drive are named; an open door is a warning, because no run begins."""
     results = _by_name(
         check_rig(
             simulated_rig(

@@ -68,10 +68,7 @@ def test_trials_that_are_not_evaluated_are_not_done(tmp_path: Path) -> None:
 
 
 def test_the_sums_are_those_of_sha256sum(tmp_path: Path) -> None:
-    """`sha256sum -c` accepts SHA256SUMS, which covers everything recorded; equal calls give equal bytes.
-
-    Whatever their folders; names are for people.
-    """
+    """`sha256sum -c` accepts SHA256SUMS, which covers everything recorded; equal calls give equal bytes."""
     name = "Gel 13 % – éprouvette №2"
     run, other = closed_run(tmp_path / "a", name), closed_run(tmp_path / "b", name)
     subprocess.run(["sha256sum", "--check", "--strict", "--quiet", "SHA256SUMS"], cwd=run, check=True)

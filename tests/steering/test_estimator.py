@@ -134,10 +134,7 @@ def test_the_default_beats_the_paper(planar, limit):
 
 @PLANES
 def test_no_filter_could_know_the_heading_much_better(planar):
-    """The RMSE of the heading is that of the posterior Cramer-Rao bound, and the mean NIS the number of seen axes.
-
-    As far as twenty runs tell.
-    """
+    """The RMSE of the heading is that of the posterior Cramer-Rao bound, and the mean NIS the number of seen axes."""
     squares, bounds, nis = [], [], []
     for seed in range(20):
         states = follow_drawn(seed, planar)

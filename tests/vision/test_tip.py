@@ -122,10 +122,7 @@ def test_a_square_that_leaves_the_picture_is_no_template(place):
 
 
 def test_a_template_comes_back_from_its_files_as_it_was(tmp_path):
-    """Picture, tip, heading, insertion and roll survive, by the name of either file; it may be written by hand.
-
-    A flat picture and a tiny one are no templates.
-    """
+    """Picture, tip, heading, insertion and roll survive, by the name of either file; it may be written by hand."""
     kept = TipTemplate(TEMPLATE.picture, (20.25, 19.5), -0.3, "down", 1.5)
     save_template(tmp_path / "tip.png", kept, {"command": "test"})
     for name in ("tip.png", "tip.json"):

@@ -257,10 +257,7 @@ def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -
 def test_an_insertion_that_does_not_arrive_ends_with_its_reason_and_the_needle_out(
     tmp_path: Path, overrides: Words, world: Words, reason: str, told: str, deepest_mm: float | None
 ) -> None:
-    """The run fails with exit code 1; a person is asked where nobody knows why; without a path nothing moves at all.
-
-    The analysis estimates as the run did, also where the tip was lost from sight.
-    """
+    """The run fails with exit code 1; a person is asked where nobody knows why; without a path nothing moves at all."""
     with open_certified_rig(tmp_path, insertion(*overrides), world) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(insertion(*overrides))

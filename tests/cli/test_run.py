@@ -421,9 +421,6 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
     """Finished insertions are kept, the interrupted one is repeated elsewhere, and the others are unchanged."""
     run = cut_short(sweep.run, tmp_path / "run", float(open_run(cut).states["t_s"].iloc[-1]))
     kept = {path.name: path.read_bytes() for path in (run / "frames").iterdir()}
-    assert labrig("reanalyze", run).exit_code == 0
-    unended = json.loads((run / "analysis/001/result.json").read_bytes())
-    assert {row["trial"] for row in unended["measurements"]} == {0}
     done = labrig("resume", run, "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
     trials = open_run(run).trials.set_index("trial")

@@ -15,7 +15,7 @@ from labrig.experiments.shared.grouping import average_means, find_final_picture
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
 from labrig.experiments.shared.picture_results import complete_picture
 from labrig.protocol.sections import AnalysisWindow, NeedleInPicture
-from labrig.record.events import UNENDED, FrameLine, TrialStop
+from labrig.record.events import INTERRUPTED, FrameLine, TrialStop
 from labrig.record.reader import Run
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 from labrig.vision.plane import PlaneMap
@@ -58,9 +58,9 @@ def analyze(run: Run, protocol: MeasuredProtocol, request: AnalysisRequest) -> F
         When the run has no map from pixels to mm.
     """
     settings, roll_sd_deg = make_settings(protocol), protocol.analysis.roll_sd_deg
-    # What was interrupted is made again as another trial, as is what a person judged so: neither is measured.
+    # An interrupted trial was repeated as another trial, as was one that a person had made again: neither is measured.
     recorded = run.read_trials(SpecimenTrialStart, TrialStop)
-    kept = [trial.start for trial in recorded if not (trial.left_out or trial.exit_status in UNENDED)]
+    kept = [trial.start for trial in recorded if trial.exit_status != INTERRUPTED and not trial.left_out]
     trials: dict[int | None, SpecimenTrialStart] = {start.trial: start for start in kept}
     counted = [line for line in run.frame_lines if line.trial in trials or not recorded]
     lines, plane = [line for line in counted if line.role in MEASURED_ROLES], load_plane_map(run)

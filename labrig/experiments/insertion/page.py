@@ -60,7 +60,7 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     noise = vars(content.sighting_noise) if content.sighting_noise else None
     parts = {
-        "budgets": {"Error at the target": [trial.target_error_budget_mm for trial in content.insertions]},
+        "budgets": {"Error in the plane": [trial.target_error_budget_mm for trial in content.insertions]},
         "shown": [
             _draw_insertion(run, protocol, trial, events.get(trial.trial, ()), Scene(plane))
             for trial in sorted(shown, key=lambda trial: trial.trial)

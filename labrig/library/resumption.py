@@ -10,7 +10,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.durable import require_free_bytes
-from labrig.errors import FileFormatError, InputError, Problem, RecordError, TrialsFailedError
+from labrig.errors import FileFormatError, InputError, Problem, RecordError
 from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.library.sources import find_recorded_rig, fit_rig, load_rig_for
 from labrig.protocol.sections import ExperimentProtocol
@@ -22,6 +22,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder, close_interrupted_run, reopen_run
 from labrig.runner.attendant import Attendant
 from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.dialogue import Dialogue
 from labrig.runner.dry_run import plan_run
 from labrig.runner.experiment import Experiment
 from labrig.runner.past import read_past
@@ -155,13 +156,10 @@ def _load_same_rig(run: Run, protocol: ExperimentProtocol, given: Path | None) -
 
 def _close_without_rig(run: Run, past: Past, command_line: tuple[str, ...]) -> FinishedRun:
     """Close a run that was interrupted after its last insertion; one that has failed by its insertions is closed."""
-    outcome, left_out = Outcome("success", "", None), past.decisions.explain_left_out
-    stops = [trial.stop for trial in past.begun if trial.stop and not left_out(trial.start.trial)]
-    failed = [stop for stop in stops if stop.exit_status == "failed"]
-    if failed:
-        reason = failed[0].stop or "trial_failed"
-        told = f"{format_count(len(failed), 'trial')} failed; {reason.replace('_', ' ')}: {failed[0].cause}"
-        outcome = Outcome("failed", reason, TrialsFailedError(told, reason=reason))
+    dialogue = Dialogue(planned=run.manifest["trials_planned"])
+    dialogue.recall(past)
+    error = dialogue.find_failure()
+    outcome = Outcome("success", "", None) if error is None else Outcome("failed", error.reason, error)
     if outcome.exit_status != run.manifest.get("exit_status"):
         doing = " ".join(("labrig", *command_line[1:]))
         close_interrupted_run(run.path, doing, SystemClock().utc(), outcome.exit_status, outcome.reason)

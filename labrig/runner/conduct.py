@@ -65,15 +65,12 @@ def conduct(
     if past is None:
         beginning = RunStart(experiment=experiment.name)
         return _conduct(session, beginning, lambda: experiment.run(protocol, session))
-    dialogue.past, dialogue.decisions, dialogue.begun = past, past.decisions, list(past.begun)
+    dialogue.recall(past)
 
     def go_on() -> None:
         for trial in past.begun:
             if trial.stop is None:
                 session.record(TrialStop(trial=trial.start.trial, exit_status=INTERRUPTED))
-            elif trial.exit_status == "failed":
-                reason = trial.stop.stop or "trial_failed"
-                dialogue.failed[trial.start.trial] = TargetMissedError(trial.stop.cause, reason=reason)
         take_needle_out(session, past.needle_path)
         experiment.run(protocol, session)
 

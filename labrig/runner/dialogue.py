@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from labrig.devices.operator import Choice, Offer, OperatorRequest
-from labrig.errors import AnswerIsNoError, Problem, TrialsFailedError
+from labrig.errors import AnswerIsNoError, Problem, TargetMissedError, TrialsFailedError
 from labrig.protocol.conditions import Condition
 from labrig.record.events import (
     DECISIONS,
@@ -119,6 +119,14 @@ class Dialogue:
 
     # What happens
 
+    def recall(self, past: Past) -> None:
+        """Go on from the record of an interrupted run."""
+        self.past, self.decisions, self.begun = past, past.decisions, list(past.begun)
+        for trial in past.begun:
+            if trial.stop is not None and trial.exit_status == "failed":
+                reason = trial.stop.stop or "trial_failed"
+                self.failed[trial.start.trial] = TargetMissedError(trial.stop.cause, reason=reason)
+
     def note_event(self, event: Event) -> None:
         """Take note of a recorded event."""
         self.decisions = self.decisions.add(event)
@@ -163,9 +171,8 @@ class Dialogue:
 
     def find_failure(self) -> TrialsFailedError | None:
         """Return why the run has failed, by its trials that are to be evaluated; None if none of them has failed."""
-        counted = [
-            error for trial, error in self.failed.items() if not self.decisions.explain_left_out(trial)
-        ]
+        left_out = self.decisions.explain_left_out
+        counted = [error for trial, error in self.failed.items() if not left_out(trial)]
         if not counted:
             return None
         reasons = [getattr(error, "reason", "refused") for error in counted]

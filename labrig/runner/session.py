@@ -326,10 +326,8 @@ class Session:
         met = self.dialogue.take_met()
         because = ", ".join(_describe_met(condition) for condition in met)
         if any(condition.action == "stop" for condition in met):
-            raise ConditionMetError(
-                f"the protocol ends the run: {because}",
-                "look at the needle and the gel; labrig resume continues the run",
-            )
+            hint = "look at the needle and the gel; labrig resume continues the run"
+            raise ConditionMetError(f"the protocol ends the run: {because}", hint)
         by = "condition" if met else self.dialogue.requests.find(point)
         if by is None:
             return False

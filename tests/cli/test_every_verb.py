@@ -17,7 +17,7 @@ from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 from tests.cli.cut_runs import cut_short, open_again
 from tests.cli.example_runs import SHORTENED, of_protocol
 
-KEPT = ROOT / "tests" / "records"
+KEPT, INSERTION = ROOT / "tests" / "records", ROOT / "protocols" / "insertion.yaml"
 NAMES = sorted(path.name for path in KEPT.iterdir() if path.is_dir())
 MEASURED = [pytest.param(name, marks=[pytest.mark.slow] * (name == "design")) for name in NAMES]
 """A design takes long to compute."""
@@ -207,9 +207,13 @@ def test_what_a_run_found_is_adopted_or_refused(kept: Path, tmp_path: Path, labr
 def test_a_run_whose_insertion_failed_stays_failed_when_it_is_resumed(tmp_path: Path, labrig: Labrig) -> None:
     """Nothing of it is left to be made: it is measured again, and its record is as it was."""
     run, made = tmp_path / "near", ("--runs-dir", tmp_path, "--run-name", "near", "--rig", RIG, "--yes")
-    protocol = RIG.parents[1] / "protocols" / "insertion.yaml"
-    assert labrig("run", protocol, *made, "--set", "target.position_mm=[0,20,10]").exit_code == 1
+    failed = labrig("run", INSERTION, *made, "--set", "target.position_mm=[0,20,10]")
     before = (run / "SHA256SUMS").read_bytes()
-    assert (labrig("resume", run).exit_code, (run / "SHA256SUMS").read_bytes()) == (1, before)
-    checked = labrig("check", protocol, "--rig", RIG, "--set", "planner.radius_mm=15")
+    again = labrig("resume", run)
+    assert (failed.exit_code, again.exit_code, (run / "SHA256SUMS").read_bytes()) == (1, 1, before)
+
+
+def test_a_check_whose_rehearsal_ends_early_says_so(labrig: Labrig) -> None:
+    """The needle of the rig bends otherwise than the protocol says."""
+    checked = labrig("check", INSERTION, "--rig", RIG, "--set", "planner.radius_mm=15")
     assert "warning: protocol: rehearsed, it ends early: the needle bends by" in checked.out + checked.err

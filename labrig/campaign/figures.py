@@ -30,7 +30,6 @@ from labrig.text import split_quantity, tell_value
 
 MOST_ARMS = 40
 """More of them are a carpet; the table has them."""
-_MOST_PANELS = 6
 _BINS = 12
 _LEAST_IN_BIN = 5
 _MOST_VECTORS = 300
@@ -109,24 +108,26 @@ def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Int
 
 
 def draw_over_points(
-    result: CampaignResult, table: pd.DataFrame, keys: Sequence[str], name: str
+    result: CampaignResult, table: pd.DataFrame, keys: Sequence[str], marks: Mapping[str, Any], name: str
 ) -> DrawnFigure | None:
     """Draw the measure over sampled keys, point by point, with median and quartiles of each part of the range.
 
-    Tasks that failed outright are on the upper edge; those that were wrongly called a success are ringed.
+    Tasks that failed outright are on the upper edge; those that were wrongly called a success are ringed. `marks` are
+    what an insertion takes keys for, an upright line.
     """
     sound = table[table["error"].isna()]
     known = sound[~np.isnan(read_values(sound, result.measure))]
-    shown = keys[:_MOST_PANELS]
-    if known.empty or not shown:
+    if known.empty or not keys:
         return None
     with mpl.rc_context(SETTINGS):
-        rows = (len(shown) + 2) // 3
+        rows = (len(keys) + 2) // 3
         figure = Figure(figsize=(9.6, 0.4 + 2.8 * rows), layout="constrained")
-        panels = figure.subplots(rows, min(3, len(shown)), squeeze=False).ravel()
+        panels = figure.subplots(rows, min(3, len(keys)), squeeze=False).ravel()
         false = find_false_successes(sound, Criterion(result.measure, result.tolerance))
-        for panel, key in zip(panels, shown, strict=False):
+        for panel, key in zip(panels, keys, strict=False):
             _draw_points(panel, known, key, result)
+            if marks.get(key) is not None:
+                panel.axvline(marks[key], color="#009e73", linewidth=1.6)
             for end, failing in find_failing(sound, result.measure).items():
                 # A line without a point has no box: the layout collapses.
                 signs = {"transform": panel.get_xaxis_transform(), "in_layout": failing.any(), **_SMALL}
@@ -134,7 +135,7 @@ def draw_over_points(
                 panel.plot(sound.loc[failing, key], row, _SIGNS[end], **signs)
             ring = {**_SIGN, "mfc": "none", "in_layout": false.any()}
             panel.plot(sound.loc[false, key], sound.loc[false, result.measure], "o", **ring)
-        for panel in panels[len(shown) :]:
+        for panel in panels[len(keys) :]:
             panel.remove()
         return svg(figure, name)
 

@@ -25,6 +25,8 @@ from labrig.text import split_quantity, tell_value
 RESULT_FILE = "result.json"
 _MOST_COLUMNS = 5
 """Arms whose settings stand beside one another."""
+_GRANTED = Path(__file__).with_name("granted.csv")
+"""Where a protocol says of a simulated world what an insertion reckons with."""
 
 
 def write_page(
@@ -56,15 +58,16 @@ def write_page(
     chance = float(ndtri(1.0 - 0.025 / max(1, sum(map(len, ranks.values()))))) / math.sqrt(max(1, n - 1))
     clear = {of: [key for key, rank in each.items() if abs(rank) > chance] for of, each in ranks.items()}
     # The keys that the page speaks of are its first figure, in that order, unless that is a map or the arms.
-    strength = {key: max((abs(each.get(key, 0.0)) for each in ranks.values()), default=0.0) for key in ranges}
     spoken = dict.fromkeys(key for keys in clear.values() for key in keys)
-    ordered = [*dict.fromkeys([*spoken, *sorted(ranges, key=lambda key: -strength[key])])] if not maps else []
+    ordered = [] if maps else [*dict.fromkeys([*spoken, *ranges])]
+    granted = dict(pd.read_csv(_GRANTED).to_numpy().tolist())
+    stated = pd.json_normalize(loaded.arms[0].protocol.model_dump(mode="json")).iloc[0]
+    marks = {key: stated.get(of) for key, of in granted.items() if of not in ranges}
     first = 0 if result.pairs else min(max(1, len(spoken)), 3)
-    front = draw_over_points(result, table, ordered[:first], "over-first")
-    points = draw_over_points(result, table, ordered[first:], "over-points")
-    for figure in (arms := draw_arms(result, table), front, points, *dict(maps).values()):
-        if figure is not None:
-            write_figure(folder, figure)
+    front = draw_over_points(result, table, ordered[:first], marks, "over-first")
+    points = draw_over_points(result, table, ordered[first:], marks, "over-points")
+    for figure in filter(None, (arms := draw_arms(result, table), front, points, *dict(maps).values())):
+        write_figure(folder, figure)
     shown = {
         "content": result,
         "quantity": split_quantity(result.measure),
@@ -73,6 +76,7 @@ def write_page(
         "chance": chance,
         "clear": clear,
         "rows": table.set_index("task"),
+        "granted": granted,
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
         "circles": circles,
         "loaded": loaded,

@@ -76,10 +76,9 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
     result, table = found(loaded, lambda task: INFINITE if task.seed == failing else task.seed % 100 / 30.0)
     page = write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
     assert (result.failed, (tmp_path / "map-1.pdf").is_file()) == (2, True)
-    for text in ("a process died", "Differences from ", "Map of “b”", "16 by a Sobol sequence"):
+    for text in ("a process died", "Differences from ", "Map of “b”", "16 by a Sobol", "“b”: as the base"):
         assert text in page
     assert not [text for text in (HOSTILE, "<script>alert", "mathdefault") if text in page]
-    assert "“b”: as the base protocol." in page
     assert "<td>Replan after this much insertion</td>" in page
 
 
@@ -111,7 +110,9 @@ def worse_at_20(task: Task) -> float:
         ({}, lambda _: 1.25, "One task has a value of the true error at the target: 1.25 mm. That tells no spread."),
         ({"sample": {"method": "latin-hypercube", "n": 40, "keys": {"planner.radius_mm": [24, 31]}}},
          lambda task: None if task.drawn["planner.radius_mm"] > 28.4 else spread(task),
-         "\">In all 15 that were stopped before the needle went in, the planned radius was 28.46 mm or more."),
+         "\">Being stopped before the needle went in (15) goes with a larger planned radius."),
+        ({"sample": {"method": "sobol", "n": 16, "keys": {"rig.world.needle.backlash_mm": [0.5, 6]}}},
+         spread, "Upright and green: what the insertion takes for granted."),
         (ARMS, lambda _: INFINITE, "No task has a value of the true error at the target."),
     ],
 )  # fmt: skip

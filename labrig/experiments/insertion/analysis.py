@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.origin import find_origins
 from labrig.analysis.pictures import list_not_in_interval, load_plane_map
-from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
+from labrig.analysis.result import Findings, Sentinel, TrialOrigin
 from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import InputError, MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.insertion.aim import Aim
@@ -262,7 +262,7 @@ class _Insertion:
             template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
             **{name: value for name, value in self.true if name.startswith("true_")},
             refused=next((event.cause for event in self.way[::-1] if isinstance(event, PathSought)), None),
-            true_path_mm=_thin_path(self.true.path[:, 1:]),
+            true_path_mm=_thin_path(self.true.path),
             true_target_mm=self.true.target_mm,
             missed_sightings=sum(not step.believed for step in steps),
             mean_nis=float(np.mean(nis)) if nis else None,
@@ -388,10 +388,10 @@ def _find_budget(end: ShaftTip, bounds: TargetErrorBounds, source: _Source) -> E
     return budget.with_drift(source.drift * math.hypot(*end.tip_mm))
 
 
-def _thin_path(path: FloatArray) -> tuple[Point, ...]:
-    """Return a path (N, 2) thinned for drawing, with both ends."""
+def _thin_path(path: FloatArray) -> tuple[Any, ...]:
+    """Return a path (N, 2) or (N, 3) thinned for drawing, with both ends."""
     kept = np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).round().astype(int)
-    return tuple((y, z) for y, z in np.round(path[kept], _DECIMALS).tolist())
+    return tuple(map(tuple, np.round(path[kept], _DECIMALS).tolist()))
 
 
 def _known(values: Iterable[float | None]) -> list[float]:

@@ -99,7 +99,7 @@ def _draw_insertion(
             *scene.draw_places(),
             *[*scene.former, *scene.draw_line("former", scene.plan_mm)][:1],
             *scene.draw_line("taken", trial.shaft_mm or scene.taken_mm),
-            *scene.draw_line("true", map_truth(trial.true_path_mm)),
+            *scene.draw_line("true", map_truth([place_mm[1:] for place_mm in trial.true_path_mm])),
             *(_draw_obstacles(trial, scene, map_truth) if world.get("obstacle_shift_sd_mm") else ()),
             *([scene.draw_ring("moved", moved_mm[1:], trial.tolerance_mm)] if moved_mm else ()),
             *_draw_end(trial, scene),

@@ -142,7 +142,7 @@ class InsertionTrial(InsertionRow):
     `target_mm` and `obstacles` are where they were at the start. `marker_ids` are the markers that the target and each
     obstacle are bound to, the target's first, `marker_steps` what these showed. Errors and clearances are from where
     they were then.
-    `true_target_mm` and `true_obstacles` are where they are in a simulated world.
+    `true_path_mm`, (x, y, z), `true_target_mm` and `true_obstacles` are where they are in a simulated world.
     """
 
     start_t_s: float
@@ -155,7 +155,7 @@ class InsertionTrial(InsertionRow):
     target_error_sources_mm: TargetErrorSources | None = None
     depth: EndDepth | None = None
     refused: RefusalCause | None = None
-    true_path_mm: tuple[Point, ...]
+    true_path_mm: tuple[tuple[float, float, float], ...]
     true_target_mm: tuple[float, float, float] | None = None
     true_obstacles: tuple[TrueObstacle, ...] = ()
     steps: tuple[InsertionStep, ...]

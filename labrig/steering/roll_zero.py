@@ -69,9 +69,9 @@ def fit_roll_zero(
     bend_mm = math.hypot(solution[1], solution[2])
     if rank < terms.shape[1] or abs(bend_mm - expected_mm) > _MOST_OFF * expected_mm:
         raise MeasurementRefusedError(
-            f"the needle bends by {bend_mm:.2f} mm over {length_mm:g} mm, expected {expected_mm:.2f} mm within "
-            f"{100 * _MOST_OFF:g} %",
-            "check needle and gel: a needle that bends otherwise is not steered by this plan",
+            f"no roll zero: over {length_mm:g} mm the needle bends by {bend_mm:.2f} mm; with a radius of "
+            f"{radius_mm:g} mm it would be {expected_mm:.2f} mm, and {100 * _MOST_OFF:g} % off is the most",
+            "check needle and gel; the radius is planner: radius_mm: of an insertion, else needle: design_radius_mm:",
         )
     residuals = places - terms @ solution
     freedom = len(rolls) - terms.shape[1]

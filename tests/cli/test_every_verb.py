@@ -216,4 +216,4 @@ def test_a_run_whose_insertion_failed_stays_failed_when_it_is_resumed(tmp_path: 
 def test_a_check_whose_rehearsal_ends_early_says_so(labrig: Labrig) -> None:
     """The needle of the rig bends otherwise than the protocol says."""
     checked = labrig("check", INSERTION, "--rig", RIG, "--set", "planner.radius_mm=15")
-    assert "warning: protocol: rehearsed, it ends early: the needle bends by" in checked.out + checked.err
+    assert "warning: protocol: rehearsed, it ends early: no roll zero: over" in checked.out + checked.err

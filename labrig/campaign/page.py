@@ -23,8 +23,6 @@ from labrig.steering.parameters import SECTIONS
 from labrig.text import split_quantity, tell_value
 
 RESULT_FILE = "result.json"
-_MOST_COLUMNS = 5
-"""Arms whose settings stand beside one another."""
 _GRANTED = Path(__file__).with_name("granted.csv")
 """Where a protocol says of a simulated world what an insertion reckons with."""
 
@@ -80,7 +78,8 @@ def write_page(
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
         "circles": circles,
         "loaded": loaded,
-        "differing": [*find_differences(*(arm.describe() for arm in loaded.arms[:_MOST_COLUMNS]))],
+        # The settings of more arms do not fit beside one another.
+        "differing": [*find_differences(*(arm.describe() for arm in loaded.arms[:5]))],
         "arms_figure": arms,
         "front_figure": front,
         "points_figure": points,

@@ -59,7 +59,7 @@ def _tell_needs(plan: Any, rig: Any, disk_bytes: int) -> str:
     motion = f"{duration(plan.duration_s)} of motion, {format_count(plan.operator_steps, 'question')}"
     held = f"{format_count(plan.pictures, 'picture')}, {disk_bytes / 1e6:.0f} MB"
     # The examples on two processors take so long, to a factor of two.
-    simulated = f"about {duration(float(f'{10 + 0.12 * plan.pictures:.1g}'))}, no question to you"
+    simulated = f"about {duration(float(f'{10 + 0.12 * plan.pictures:.1g}'))}"
     return f": {motion}, {held}" if rig.asks_person else f": {simulated}, {held}; on a bench {motion}"
 
 

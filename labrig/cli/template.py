@@ -90,7 +90,7 @@ def _cut_from_run(
     if frame is None:
         shown = [line.frame for line in run.frame_lines if line.role in set(NeedleRole)]
         if not shown:
-            raise InputError(f"{folder} holds no picture of a needle", "name one with --frame")
+            raise InputError(f"{folder} holds no picture of a needle", "name the run of a sweep")
         frame = shown[-1]
     image, line = run.read_frame(frame), run.frame_lines[frame]
     plane, needle, side_px = load_plane_map(run), load_run_protocol(run).pictured_needle, _SIDE_PX

@@ -299,7 +299,7 @@ class Run:
         if 0 <= frame < len(self.pictures):
             return self.pictures[frame]
         held = f"{self.path / layout.FRAME_LINES} holds no frame {frame}; it holds {len(self.pictures)}"
-        raise RecordError(held, "it was interrupted before")
+        raise RecordError(held, "frames are numbered from 0")
 
     @cached_property
     def hashes(self) -> Mapping[str, str]:

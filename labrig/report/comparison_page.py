@@ -25,7 +25,7 @@ from labrig.record.layout import read_checksum
 from labrig.record.tables import encode_csv
 from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg, write_figure
 from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_key
-from labrig.report.page import REPORT_FILE, TEMPLATES, tell_writing, write_page
+from labrig.report.page import REPORT_FILE, TEMPLATES, read_world, tell_writing, write_page
 from labrig.report.palette import mark
 from labrig.steering.parameters import PAPER_SECTIONS, SECTIONS
 from labrig.text import split_quantity, tell_value
@@ -85,6 +85,7 @@ def write_comparison(
     }
     filters = {
         "checksum": read_checksum,
+        "world": read_world,
         "link": lambda run: Path(os.path.relpath(run / REPORT_FILE, folder)).as_posix(),
         "with_unit": lambda value, key: UNKNOWN if value is None else tell_value(format_value(value), key),
     }

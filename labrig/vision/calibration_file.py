@@ -219,7 +219,9 @@ def _read(path: Path) -> bytes:
     try:
         return read_file(path)
     except OSError as error:
-        problem = Problem(str(path), f"cannot be read: {error.strerror}", "check the path")
+        problem = Problem(
+            str(path), f"cannot be read: {error.strerror}", "check the path; see: labrig manual calibrate"
+        )
         raise FileFormatError((problem,)) from error
 
 

@@ -46,8 +46,8 @@ def _order_holes(protocol: SteerabilityProtocol, block: int) -> tuple[int, ...]:
 
 def describe_place(protocol: SteerabilityProtocol, number: int, hole: Hole, repeats: int | None) -> str:
     """Return where an insertion is: `hole 3 of 18`, in a random order `insertion 20, hole 7 of 18`."""
-    again = "" if repeats is None else f" (repeats trial {repeats + 1})"
-    place = f"hole {hole.number + 1} of {protocol.insertions_per_specimen}{again}"
+    of = f"of {protocol.insertions_per_specimen}" if repeats is None else f"in place of trial {repeats + 1}"
+    place = f"hole {hole.number + 1} {of}"
     return place if protocol.hole_order == "sequential" else f"insertion {number + 1}, {place}"
 
 

@@ -100,7 +100,7 @@ def test_a_random_order_keeps_its_rest_and_repeats_last() -> None:
     assert (left[0], left[2].repeats) == (trials[1], 0)
     told = [describe_place(drawn, trial.number, trial.what, trial.repeats) for trial in (left[0], left[2])]
     hole = trials[1].what.number + 1
-    assert told == [f"insertion 2, hole {hole} of 3", "insertion 7, hole 4 of 3 (repeats trial 1)"]
+    assert told == [f"insertion 2, hole {hole} of 3", "insertion 7, hole 4 in place of trial 1"]
     assert describe_place(protocol(), 4, list_planned(protocol())[4].what, None) == "hole 2 of 3"
 
 

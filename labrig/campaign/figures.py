@@ -30,8 +30,7 @@ from labrig.text import split_quantity, tell_value
 
 MOST_ARMS = 40
 """More of them are a carpet; the table has them."""
-_BINS = 12
-_LEAST_IN_BIN = 5
+_BINS, _LEAST_IN_BIN = 12, 5
 _MOST_VECTORS = 300
 _SHARES = LinearSegmentedColormap.from_list("shares", ("#ffffff", "#56b4e9"))
 _SIGNS = {"missed": "x", BROKEN_OFF: "^", WITHOUT_VALUE: "s"}
@@ -64,8 +63,7 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
             _draw_arm(axes, place, arm, values.tolist())
         names = [_shorten(arm.name) for arm in result.arms] if len(result.arms) > 1 else [""]
         axes[0].set_yticks(range(len(names)), names)
-        axes[0].set_ylim(len(result.arms) - 0.5, -0.5)
-        axes[0].set_xlabel(label_key(result.measure))
+        axes[0].set(ylim=(len(result.arms) - 0.5, -0.5), xlabel=label_key(result.measure))
         if result.pairs:
             _draw_pairs(axes[-1], result)
         for panel in axes:

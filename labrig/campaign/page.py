@@ -19,11 +19,12 @@ from labrig.report.figures import write_figure
 from labrig.report.formatting import count_decimals, name_settings
 from labrig.report.page import REPORT_FILE, tell_writing
 from labrig.report.page import write_page as write_document
+from labrig.runner.sight import load_plane_map
 from labrig.steering.parameters import SECTIONS
 from labrig.text import split_quantity, tell_value
 
 RESULT_FILE = "result.json"
-_GRANTED = Path(__file__).with_name("granted.csv")
+_GRANTED, _LENS = Path(__file__).with_name("granted.csv"), "rig.world.lens.distance_mm"
 """Where a protocol says of a simulated world what an insertion reckons with."""
 
 
@@ -61,6 +62,8 @@ def write_page(
     granted = dict(pd.read_csv(_GRANTED).to_numpy().tolist())
     stated = pd.json_normalize(loaded.arms[0].protocol.model_dump(mode="json")).iloc[0]
     marks = {key: stated.get(of) for key, of in granted.items() if of not in ranges}
+    if _LENS in ranges and loaded.arms[0].rig is not None:
+        marks[_LENS] = load_plane_map(loaded.arms[0].rig).camera_distance_mm
     first = 0 if result.pairs else min(max(1, len(spoken)), 3)
     front = draw_over_points(result, table, ordered[:first], marks, "over-first")
     points = draw_over_points(result, table, ordered[first:], marks, "over-points")
@@ -75,6 +78,7 @@ def write_page(
         "clear": clear,
         "rows": table.set_index("task"),
         "granted": granted,
+        "marks": marks,
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
         "circles": circles,
         "loaded": loaded,

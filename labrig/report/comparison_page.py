@@ -52,8 +52,7 @@ def write_comparison(
         When one of them cannot be written.
     """
     whole, table = compared.comparison, compared.table
-    first = ["group", "block", "value"]
-    tidy = table[[*first, *table.columns.drop(first)]]
+    tidy = table.set_index(["group", "block", "value"]).reset_index()
     write_atomically(folder / TABLE_FILES[0], encode_csv(tidy))
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))

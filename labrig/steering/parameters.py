@@ -43,7 +43,7 @@ class Estimator(Model):
     """How the tip's pose is estimated from its observed positions."""
 
     method: EstimatorMethod = "error-state"
-    """The default filter (error-state Kalman), or the paper's for comparison."""
+    """The default, an error-state Kalman filter, or the paper's for comparison."""
     observation_sd_mm: PositiveMm = 0.2
     """Standard deviation of an observed tip position, along each axis [mm]."""
     process_sd_deg_per_root_mm: float = Field(0.4, ge=0, le=10)

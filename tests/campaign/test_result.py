@@ -112,7 +112,7 @@ def worse_at_20(task: Task) -> float:
          lambda task: None if task.drawn["planner.radius_mm"] > 28.4 else spread(task),
          "\">Being stopped before the needle went in goes with a larger planned radius."),
         ({"sample": {"method": "sobol", "n": 16, "keys": {"rig.world.needle.backlash_mm": [0.5, 6]}}},
-         spread, "Upright and green: what the insertion takes for granted, where"),
+         spread, "Upright and green: what the insertion takes for granted."),
         (ARMS, lambda _: INFINITE, "No task has a value of the true error at the target."),
     ],
 )  # fmt: skip

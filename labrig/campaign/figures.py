@@ -106,12 +106,12 @@ def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Int
 
 
 def draw_over_points(
-    result: CampaignResult, table: pd.DataFrame, keys: Sequence[str], marks: Mapping[str, Any], name: str
+    result: CampaignResult, table: pd.DataFrame, keys: Sequence[str], granted: Mapping[str, Any], name: str
 ) -> DrawnFigure | None:
     """Draw the measure over sampled keys, point by point, with median and quartiles of each part of the range.
 
-    Tasks that failed outright are on the upper edge; those that were wrongly called a success are ringed. `marks` are
-    what an insertion takes keys for, an upright line.
+    Tasks that failed outright are on the upper edge; those that were wrongly called a success are ringed. `granted`
+    has where a protocol says what an insertion takes a key for, and that value, an upright line unless it is drawn too.
     """
     sound = table[table["error"].isna()]
     known = sound[~np.isnan(read_values(sound, result.measure))]
@@ -124,8 +124,8 @@ def draw_over_points(
         false = find_false_successes(sound, Criterion(result.measure, result.tolerance))
         for panel, key in zip(panels, keys, strict=False):
             _draw_points(panel, known, key, result)
-            if marks.get(key) is not None:
-                panel.axvline(marks[key], color="#009e73", linewidth=1.6)
+            if key in granted and granted[key][0] not in table and granted[key][1] is not None:
+                panel.axvline(granted[key][1], color="#009e73", linewidth=1.6)
             for end, failing in find_failing(sound, result.measure).items():
                 # A line without a point has no box: the layout collapses.
                 signs = {"transform": panel.get_xaxis_transform(), "in_layout": failing.any(), **_SMALL}

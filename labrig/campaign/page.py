@@ -59,26 +59,23 @@ def write_page(
     # The keys that the page speaks of are its first figure, in that order, unless that is a map or the arms.
     spoken = dict.fromkeys(key for keys in clear.values() for key in keys)
     ordered = [] if maps else [*dict.fromkeys([*spoken, *ranges])]
-    granted = dict(pd.read_csv(_GRANTED).to_numpy().tolist())
     stated = pd.json_normalize(loaded.arms[0].protocol.model_dump(mode="json")).iloc[0]
-    marks = {key: stated.get(of) for key, of in granted.items() if of not in ranges}
+    granted = {key: (of, stated.get(of)) for key, of in pd.read_csv(_GRANTED).to_numpy().tolist()}
     if _LENS in ranges and loaded.arms[0].rig is not None:
-        marks[_LENS] = load_plane_map(loaded.arms[0].rig).camera_distance_mm
+        granted[_LENS] = ("", load_plane_map(loaded.arms[0].rig).camera_distance_mm)
     first = 0 if result.pairs else min(max(1, len(spoken)), 3)
-    front = draw_over_points(result, table, ordered[:first], marks, "over-first")
-    points = draw_over_points(result, table, ordered[first:], marks, "over-points")
+    front = draw_over_points(result, table, ordered[:first], granted, "over-first")
+    points = draw_over_points(result, table, ordered[first:], granted, "over-points")
     for figure in filter(None, (arms := draw_arms(result, table), front, points, *dict(maps).values())):
         write_figure(folder, figure)
     shown = {
         "content": result,
         "quantity": split_quantity(result.measure),
-        # As the narrowest interval of a mean deserves.
         "decimals": max(2, count_decimals([a.ci95 for a in result.arms], [a.mean for a in result.arms], 6)),
         "chance": chance,
         "clear": clear,
         "rows": table.set_index("task"),
         "granted": granted,
-        "marks": marks,
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
         "circles": circles,
         "loaded": loaded,

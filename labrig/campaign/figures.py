@@ -118,11 +118,11 @@ def draw_over_points(
     if known.empty or not keys:
         return None
     with mpl.rc_context(SETTINGS):
-        rows = (len(keys) + 2) // 3
+        rows, columns = (len(keys) + 2) // 3, min(3, len(keys))
         figure = Figure(figsize=(9.6, 0.4 + 2.8 * rows), layout="constrained")
-        panels = figure.subplots(rows, min(3, len(keys)), squeeze=False).ravel()
+        panels = [figure.add_subplot(rows, columns, place) for place in range(1, len(keys) + 1)]
         false = find_false_successes(sound, Criterion(result.measure, result.tolerance))
-        for panel, key in zip(panels, keys, strict=False):
+        for panel, key in zip(panels, keys, strict=True):
             _draw_points(panel, known, key, result)
             if key in granted and granted[key][0] not in table and granted[key][1] is not None:
                 panel.axvline(granted[key][1], color="#009e73", linewidth=1.6)
@@ -133,8 +133,6 @@ def draw_over_points(
                 panel.plot(sound.loc[failing, key], row, _SIGNS[end], **signs)
             ring = {**_SIGN, "mfc": "none", "in_layout": false.any()}
             panel.plot(sound.loc[false, key], sound.loc[false, result.measure], "o", **ring)
-        for panel in panels[len(keys) :]:
-            panel.remove()
         return svg(figure, name)
 
 

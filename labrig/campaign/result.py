@@ -37,7 +37,8 @@ class WorstCase(Model):
 class CampaignResult(Model):
     """What a campaign found.
 
-    `rank_correlations` are Spearman's with each sampled key: of the measure, of being broken off, of having no value.
+    `rank_correlations` are Spearman's with each sampled key: of the measure, of being broken off, of having no value,
+    of an interval that missed the truth.
     `table` is the file of its rows. `failures` counts the errors of tasks that were not computed.
     `ended` says whether all of its tasks are done, a rule ended it before, or it can go on.
     """

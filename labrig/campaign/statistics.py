@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 
 BROKEN_OFF, WITHOUT_VALUE = "broken_off", "without_value"
 """Of a task: it was stopped on the way, which its row tells; it has no value for another reason."""
+_TOLD = ("true_target_error_mm", "target_error_low_mm", "target_error_high_mm")
 _MEASURED = r"\b\d+\.\d\d mm"
 """What differs between tasks with the same reason; a limit has fewer decimals."""
 _LEAST_FOR_QUANTILE = 10
@@ -180,13 +181,17 @@ def compare_arms(table: pd.DataFrame, names: Sequence[str], by: Criterion) -> tu
 
 
 def correlate(table: pd.DataFrame, keys: Sequence[str], by: Criterion) -> dict[str, dict[str, float]]:
-    """Return Spearman's rank correlations with each sampled key: of the measure, and of each way to fail outright.
+    """Return Spearman's rank correlations with each sampled key: of the measure, of failures, of intervals that missed.
 
-    That of the measure is over the tasks that have a value. Fewer than ten tasks have no correlation.
+    Of failures: of each way to fail outright. That of the measure is over the tasks that have a value. Fewer than ten
+    tasks have no correlation.
     """
     sound = table[table["error"].isna()]
     value = pd.Series(read_values(sound, by.quantity), sound.index)
-    ends = pd.DataFrame({by.quantity: value, **find_failing(sound, by.quantity)}).astype(float)
+    true, low, high = (read_values(sound, name) for name in _TOLD)
+    missed = np.where(np.isnan(true + low), np.nan, (true < low) | (true > high))
+    failing = find_failing(sound, by.quantity)
+    ends = pd.DataFrame({by.quantity: value, **failing, "interval_missed": missed}).astype(float)
     found = sound[[*keys]].join(ends).corr("spearman").loc[[*keys]]
     if len(sound) < _LEAST_FOR_QUANTILE:
         return {}

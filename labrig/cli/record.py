@@ -22,7 +22,10 @@ def report(run_paths: RunsArgument) -> int:
 
 
 def view(run_path: RunArgument) -> int:
-    """Make RUN/view.rrd, which can be deleted and made again, and open it; with --json only make it."""
+    """Make RUN/view.rrd, which can be deleted and made again, and open it; with --json only make it.
+
+    Without a display open it elsewhere: rerun view.rrd.
+    """
     from labrig.cli.attendant import TerminalAttendant
     from labrig.library import door
     from labrig.report.viewer import open_view

@@ -241,7 +241,7 @@ def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Lab
     checked = labrig("check", protocol, *SHORT, "--json")
     (problem,) = checked.json()["problems"]
     assert (checked.exit_code, problem["where"]) == (1, "specimens.0.first_hole_mm")
-    assert "would be 0.00 mm from hole 1 of run one, at 0 mm" in problem["message"]
+    assert "would be 0.00 mm from that of hole 1 of run one" in problem["message"]
     refused = labrig("run", protocol, *SHORT, "--run-name", "none")
     assert (refused.exit_code, (bench / "data/runs/none").exists()) == (2, False)
     place_mm = float(problem["hint"].split("first_hole_mm: ")[1].split(" ")[0])

@@ -43,9 +43,9 @@ def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], *,
         if trial.marker_steps:
             _draw_markers(curves[-1], tabulate(MarkerStep, trial.marker_steps).set_index("depth_mm"))
         for axes in curves:
-            axes.grid(visible=True)
+            axes.grid(visible=True, axis="y")
             for plan in plans:
-                axes.axvline(plan.depth_mm, color="#c9cdd2", linewidth=0.8, zorder=0)
+                axes.axvline(plan.depth_mm, color="#9aa1a9", linewidth=0.8, zorder=0)
             if axes.get_legend_handles_labels()[0]:
                 axes.legend(
                     loc="upper right",
@@ -100,7 +100,7 @@ def _draw_nis(axes: Axes, steps: pd.DataFrame, mean_nis: float | None) -> None:
     usual = f"95 % should lie below {NIS_95:.1f}"
     axes.axhline(NIS_95, color=DESIGN, linewidth=1.0, linestyle=_DASHED, label=usual)
     if mean_nis is not None:
-        axes.axhline(mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {mean_nis:.2g}; 2 expected")
+        axes.axhline(mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {mean_nis:.2f}; 2 expected")
     axes.set_yscale("log")
     axes.set_ylim(top=max(4 * NIS_95, 1.5 * pd.to_numeric(steps["nis"]).max()))
     axes.yaxis.set_major_formatter("{x:g}")

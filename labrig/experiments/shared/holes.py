@@ -62,8 +62,8 @@ def find_near_holes(
     start_mm = find_place(gel, [place - places_mm[0] for place in places_mm], diameter_mm, last_mm)
     yield Problem(
         f"{key}.first_hole_mm",
-        f"hole {hole + 1}, at {places_mm[hole]:g} mm, would be {max(gap_mm, 0.0):.2f} mm from hole {track.hole + 1} of "
-        f"run {track.run}, at {track.hole_position_mm:g} mm; the least clearance is {gel.track_clearance_mm:g} mm"
+        f"hole {hole + 1}, at {places_mm[hole]:g} mm: its sheath would be {max(gap_mm, 0.0):.2f} mm from that of hole "
+        f"{track.hole + 1} of run {track.run}; the least clearance is {gel.track_clearance_mm:g} mm"
         + (f"; so would {format_count(more, 'hole')} more" if more else ""),
         _suggest(start_mm, len(places_mm)),
     )
@@ -73,7 +73,7 @@ def _suggest(start_mm: float | None, holes: int) -> str:
     if start_mm is None:
         return "the block has no room for that: fewer insertions, a fresh block, or allow_crossing: true"
     clear = "is clear" if holes == 1 else f"is clear for all {holes} holes"
-    return f"first_hole_mm: {start_mm:g} {clear}; or allow_crossing: true"
+    return f"first_hole_mm: {start_mm:g} {clear} (arcs come closer than sheaths); or allow_crossing: true"
 
 
 def find_place(

@@ -16,7 +16,7 @@ def test_a_hole_too_close_to_an_old_one_is_refused_with_a_free_place() -> None:
     block = gel(0.0, 10.0)
     (problem,) = find_near_holes("specimens.0", block, [7.0, 13.0], 2.0, 100.0)
     assert problem.where == "specimens.0.first_hole_mm"
-    assert "hole 1, at 7 mm, would be 1.00 mm from hole 1 of run earlier, at 10 mm" in problem.message
+    assert "7 mm: its sheath would be 1.00 mm from that of hole 1 of run earlier" in problem.message
     assert "the least clearance is 2 mm; so would 1 hole more" in problem.message
     assert problem.hint.startswith("first_hole_mm: 14 is clear for all 2 holes")
     assert list(find_near_holes("specimens.0", block, [14.0, 20.0], 2.0, 100.0)) == []

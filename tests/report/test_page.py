@@ -229,7 +229,7 @@ def test_a_sweep_tells_its_gels_apart_as_a_comparison_does(tmp_path: Path) -> No
 def test_imported_pictures_have_a_page_of_their_own(tmp_path: Path) -> None:
     """Each picture has a line with found, tip and reason, under its own file name."""
     words = _words(make_page(record_import(tmp_path, (28.0, None))).html)
-    stated = r"a radius can be stated in 1: 2[78]\.\d\d mm, with a standard deviation of 0\.\d\d mm by "
+    stated = r"a radius can be stated in 1: 2[78]\.\d\d mm, with a standard deviation of 0\.\d\d mm by the m"
     assert re.search(f"Shaft and tip were found in 1 of 2 pictures; {stated}", words)
     assert re.search(r"photo0\.jpg yes −\d\d\.\d\d \d\d\.\d\d 0\.\d\d \d\d\.\d 2[78]\.\d\d", words)
     assert re.search(r"photo1\.jpg no – – – – – – – no No needle", words)

@@ -219,9 +219,7 @@ def _read(path: Path) -> bytes:
     try:
         return read_file(path)
     except OSError as error:
-        problem = Problem(
-            str(path), f"cannot be read: {error.strerror}", "check the path; see: labrig manual calibrate"
-        )
+        problem = Problem(str(path), f"cannot be read: {error.strerror}", "see: labrig manual calibrate")
         raise FileFormatError((problem,)) from error
 
 

@@ -76,9 +76,10 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
     result, table = found(loaded, lambda task: INFINITE if task.seed == failing else task.seed % 100 / 30.0)
     page = write_page(tmp_path, loaded, result, table, NOW).read_text(encoding="utf-8")
     assert (result.failed, (tmp_path / "map-1.pdf").is_file()) == (2, True)
-    for text in ("a process died", "Differences from ", "Map of “b”", "16 by a Sobol", "“b”: as the base"):
+    for text in ("a process died", "Differences from ", "Map of “b”", "16 by a Sobol sequence"):
         assert text in page
     assert not [text for text in (HOSTILE, "<script>alert", "mathdefault") if text in page]
+    assert "“b”: as the base protocol." in page
     assert "<td>Replan after this much insertion</td>" in page
 
 

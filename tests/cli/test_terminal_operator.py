@@ -271,6 +271,5 @@ def test_only_the_first_answer_is_taken(capsys: pytest.CaptureFixture[str]) -> N
     page = PixelPage(np.full((40, 60), 90, np.uint8), "Where is it?")
     typed = Answer(confirmed=True, note="5 6", pixel=(5.0, 6.0))
     assert page.settle(typed) is typed
-    told = capsys.readouterr().err
-    assert click(told, 3, 4) == (409, "3 4 is not taken: another answer came first.")
+    assert click(capsys.readouterr().err, 3, 4) == (409, "3 4 is not taken: another answer came first.")
     page.close()

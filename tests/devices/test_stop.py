@@ -37,8 +37,7 @@ def test_only_one_labrig_uses_a_rig_at_a_time(tmp_path: Path) -> None:
             pass
         assert "labrig devices stop" in refused.value.hint
         assert find_owner(rig.state_path) == LockOwner("labrig run a.yaml", os.getpid(), os.uname().nodename)
-        target = replace(TARGET, state_path=rig.state_path)
-        assert "cannot be asked to end from here" in stop_rig(target)[0]
+        assert "cannot be asked to end from here" in stop_rig(replace(TARGET, state_path=rig.state_path))[0]
     assert find_owner(rig.state_path) is None
     with acquire_rig(rig, "labrig run b.yaml"):
         pass

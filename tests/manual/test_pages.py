@@ -58,8 +58,7 @@ def test_the_site_is_built_and_each_link_leads_somewhere(tmp_path: Path) -> None
     assert ("labrig devices withdraw" in commands, "--square-mm" in commands) == (True, True)
     keys = (tmp_path / "reference" / "keys.html").read_text(encoding="utf-8")
     for file in (*ROOT.glob("protocols/[!c]*.yaml"), *ROOT.glob("calibration/rig-*.yaml")):
-        values = load_yaml_values(file)
-        assert [key for key in values if f">{key}<" not in keys] == [], file
+        assert [key for key in load_yaml_values(file) if f">{key}<" not in keys] == [], file
 
 
 @pytest.mark.parametrize("page", WRITTEN.values(), ids=WRITTEN)

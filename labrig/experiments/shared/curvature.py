@@ -58,10 +58,12 @@ def analyze(run: Run, protocol: MeasuredProtocol, request: AnalysisRequest) -> F
         When the run has no map from pixels to mm.
     """
     settings, roll_sd_deg = make_settings(protocol), protocol.analysis.roll_sd_deg
-    # An interrupted trial was repeated as another trial, as was one that a person had made again: neither is measured.
+    # An interrupted trial was repeated as another trial, as was one that a person had made again: neither is counted.
+    # One that never ended will be repeated: it counts, and is not measured.
     recorded = run.read_trials(SpecimenTrialStart, TrialStop)
-    kept = [trial.start for trial in recorded if trial.exit_status != INTERRUPTED and not trial.left_out]
-    trials: dict[int | None, SpecimenTrialStart] = {start.trial: start for start in kept}
+    kept = [trial for trial in recorded if trial.exit_status != INTERRUPTED and not trial.left_out]
+    trials: dict[int | None, SpecimenTrialStart] = {one.start.trial: one.start for one in kept if one.stop}
+    starts = [trial.start for trial in kept]
     counted = [line for line in run.frame_lines if line.trial in trials or not recorded]
     lines, plane = [line for line in counted if line.role in MEASURED_ROLES], load_plane_map(run)
     measured, (origins, sentinel) = measure_pictures(
@@ -93,7 +95,7 @@ def analyze(run: Run, protocol: MeasuredProtocol, request: AnalysisRequest) -> F
         )
         for line, measurement in zip(lines, measured, strict=True)
     )
-    specimens = summarise_specimens(kept, find_final_pictures(results), roll_sd_deg, drawn_mm)
+    specimens = summarise_specimens(starts, find_final_pictures(results), roll_sd_deg, drawn_mm)
     content = CurvatureResult(
         **request.stamp.list_members(settings),
         specimens=specimens,

@@ -63,7 +63,8 @@ def find_near_holes(
     yield Problem(
         f"{key}.first_hole_mm",
         f"hole {hole + 1}, at {places_mm[hole]:g} mm: its sheath would be {max(gap_mm, 0.0):.2f} mm from that of hole "
-        f"{track.hole + 1} of run {track.run}; the least clearance is {gel.track_clearance_mm:g} mm"
+        f"{track.hole + 1} of run {track.run}, at {track.hole_position_mm:g} mm; "
+        f"the least clearance is {gel.track_clearance_mm:g} mm"
         + (f"; so would {format_count(more, 'hole')} more" if more else ""),
         _suggest(start_mm, len(places_mm)),
     )

@@ -43,8 +43,7 @@ def insertion(*overrides: str) -> ExperimentProtocol:
 )
 def test_a_target_that_cannot_be_aimed_at_is_refused(override: str, message: str) -> None:
     """A target out of tissue or view is refused with its value and the limit."""
-    problems = find_problems(insertion(override), large_rig())
-    assert any(message in problem.message for problem in problems)
+    assert any(message in problem.message for problem in find_problems(insertion(override), large_rig()))
 
 
 def test_an_obstacle_counts_where_any_part_of_it_is_in_tissue_and_view() -> None:

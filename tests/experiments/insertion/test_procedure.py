@@ -190,8 +190,7 @@ def test_a_measured_torsion_is_overshot_and_returned(tmp_path: Path) -> None:
     flips = events(run, "flip")
     assert flips
     for flip in flips:
-        lag_rad = 0.1 + 0.01 * flip["depth_mm"]
-        assert abs(flip["overshoot_rad"]) == pytest.approx(lag_rad, abs=0.001)
+        assert abs(flip["overshoot_rad"]) == pytest.approx(0.1 + 0.01 * flip["depth_mm"], abs=0.001)
         past, back = [move["position"] for move in moves if move["t_s"] > flip["t_s"]][:2]
         assert past - flip["to_rad"] == pytest.approx(flip["overshoot_rad"], abs=0.002)
         assert back == pytest.approx(flip["to_rad"], abs=0.002)

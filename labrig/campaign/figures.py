@@ -23,7 +23,7 @@ from labrig.campaign.statistics import (
 )
 from labrig.protocol.model import Interval
 from labrig.protocol.sections import Criterion
-from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg
+from labrig.report.figures import MOST_VECTORS, SETTINGS, DrawnFigure, choose_limits, draw_interval, svg
 from labrig.report.formatting import label_key, name_settings
 from labrig.report.palette import Mark, mark
 from labrig.text import split_quantity, tell_value
@@ -31,7 +31,6 @@ from labrig.text import split_quantity, tell_value
 MOST_ARMS = 40
 """More of them are a carpet; the table has them."""
 _BINS, _LEAST_IN_BIN = 12, 5
-_MOST_VECTORS = 300
 _SHARES = LinearSegmentedColormap.from_list("shares", ("#ffffff", "#56b4e9"))
 _SIGNS = {"missed": "x", BROKEN_OFF: "^", WITHOUT_VALUE: "s"}
 _SIGN: dict[str, Any] = {"color": "#b02a00", "mfc": "white", "ms": 8, "mew": 1.8, "clip_on": False, "ls": ""}
@@ -86,7 +85,7 @@ def _draw_pairs(axes: Axes, result: CampaignResult) -> None:
 
 
 def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult, values: Sequence[float]) -> None:
-    look, below, many = mark(place), [place + _APART] * len(values), len(values) > _MOST_VECTORS
+    look, below, many = mark(place), [place + _APART] * len(values), len(values) > MOST_VECTORS
     axes[0].plot(values, below, ".", color=look.colour, markersize=5, alpha=0.5, rasterized=many)
     if arm.mean is not None:
         _draw_interval(axes[0], place, look, arm.mean, arm.ci95)
@@ -137,7 +136,7 @@ def draw_over_points(
 
 
 def _draw_points(axes: Axes, table: pd.DataFrame, key: str, result: CampaignResult) -> None:
-    many, bins = len(table) > _MOST_VECTORS, min(_BINS, max(1, len(table) // (2 * _LEAST_IN_BIN)))
+    many, bins = len(table) > MOST_VECTORS, min(_BINS, max(1, len(table) // (2 * _LEAST_IN_BIN)))
     values = table[result.measure].astype(np.float64)
     axes.plot(table[key], values, ".", color=mark(0).colour, markersize=4, alpha=0.5, rasterized=many)
     for part, inside in values.groupby(pd.cut(table[key], bins), observed=True):
@@ -179,7 +178,7 @@ def draw_map(
         hits, _, _ = np.histogram2d(x, y, (x_edges, y_edges), weights=reached.astype(np.float64))
         share = np.ma.masked_where(counts == 0, hits / np.maximum(counts, 1.0)).T
         mesh = axes.pcolormesh(x_edges, y_edges, share, cmap=_SHARES, vmin=0, vmax=1, rasterized=True)
-        many = len(x) > _MOST_VECTORS
+        many = len(x) > MOST_VECTORS
         axes.plot(x[reached], y[reached], ".", color="#00507d", markersize=4, rasterized=many, clip_on=False)
         for across, up, radius in circles:
             axes.add_patch(Circle((across, up), radius, facecolor="#c8c8c8", edgecolor="#888888"))

@@ -9,11 +9,11 @@ from scipy.special import ndtri
 
 from labrig.campaign.figures import draw_arms, draw_map, draw_over_points
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import find_failing
+from labrig.campaign.statistics import find_failing, find_missed
 from labrig.campaign.tasks import LoadedCampaign
 from labrig.durable import write_atomically
 from labrig.record.difference import find_differences
-from labrig.record.json_lines import encode_document
+from labrig.record.json_lines import encode_document, flatten
 from labrig.record.provenance import collect_provenance
 from labrig.report.figures import write_figure
 from labrig.report.formatting import count_decimals, name_settings
@@ -59,7 +59,7 @@ def write_page(
     # The keys that the page speaks of are its first figure, in that order, unless that is a map or the arms.
     spoken = dict.fromkeys(key for keys in clear.values() for key in keys)
     ordered = [] if maps else [*dict.fromkeys([*spoken, *ranges])]
-    stated = pd.json_normalize(loaded.arms[0].protocol.model_dump(mode="json")).iloc[0]
+    stated = dict(flatten(loaded.arms[0].protocol.model_dump(mode="json")))
     granted = {key: (of, stated.get(of)) for key, of in pd.read_csv(_GRANTED).to_numpy().tolist()}
     if _LENS in ranges and loaded.arms[0].rig is not None:
         granted[_LENS] = ("", load_plane_map(loaded.arms[0].rig).camera_distance_mm)
@@ -71,10 +71,11 @@ def write_page(
     shown = {
         "content": result,
         "quantity": split_quantity(result.measure),
-        "decimals": max(2, count_decimals([a.ci95 for a in result.arms], [a.mean for a in result.arms], 6)),
+        "decimals": count_decimals([a.ci95 for a in result.arms], [a.mean for a in result.arms], 6),
         "chance": chance,
         "clear": clear,
         "rows": table.set_index("task"),
+        "missed": find_missed(sound),
         "granted": granted,
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
         "circles": circles,

@@ -159,6 +159,12 @@ def find_failing(table: pd.DataFrame, measure: str) -> dict[str, NDArray[np.bool
     return {BROKEN_OFF: off, WITHOUT_VALUE: ~off & np.isnan(read_values(table, measure))}
 
 
+def find_missed(table: pd.DataFrame) -> FloatArray:
+    """Return 1 where the interval that a task told missed the true distance, 0 where not, NaN where it told none."""
+    true, low, high = (read_values(table, name) for name in _TOLD)
+    return np.where(np.isnan(true + low), np.nan, (true < low) | (true > high))
+
+
 def bound_share(count: int, of: int) -> Interval | None:
     """Return Wilson's interval of a share; None of nothing."""
     if of == 0:
@@ -188,10 +194,8 @@ def correlate(table: pd.DataFrame, keys: Sequence[str], by: Criterion) -> dict[s
     """
     sound = table[table["error"].isna()]
     value = pd.Series(read_values(sound, by.quantity), sound.index)
-    true, low, high = (read_values(sound, name) for name in _TOLD)
-    missed = np.where(np.isnan(true + low), np.nan, (true < low) | (true > high))
-    failing = find_failing(sound, by.quantity)
-    ends = pd.DataFrame({by.quantity: value, **failing, "interval_missed": missed}).astype(float)
+    failing = {**find_failing(sound, by.quantity), "interval_missed": find_missed(sound)}
+    ends = pd.DataFrame({by.quantity: value, **failing}).astype(float)
     found = sound[[*keys]].join(ends).corr("spearman").loc[[*keys]]
     if len(sound) < _LEAST_FOR_QUANTILE:
         return {}

@@ -84,7 +84,7 @@ def _print(document: Mapping[str, Any]) -> None:
 
     quote(document["report"])
     unit, found = f" {document['unit'] or ''}".rstrip(), document["groups"]
-    digits = max(2, count_decimals([of["ci95"] for of in found], [of["mean"] for of in found]))
+    digits = count_decimals([of["ci95"] for of in found], [of["mean"] for of in found])
     groups = [[of["name"], of["n"], *_tell(of, ("mean", "sd"), digits)] for of in found]
     if any(group["n"] > 1 for group in found):
         print_table(("group", "n", f"mean{unit}", f"SD{unit}", f"95 % interval{unit}"), groups)

@@ -23,7 +23,15 @@ from labrig.record.difference import list_conditions
 from labrig.record.json_lines import encode_document
 from labrig.record.layout import read_checksum
 from labrig.record.tables import encode_csv
-from labrig.report.figures import SETTINGS, DrawnFigure, choose_limits, draw_interval, svg, write_figure
+from labrig.report.figures import (
+    MOST_VECTORS,
+    SETTINGS,
+    DrawnFigure,
+    choose_limits,
+    draw_interval,
+    svg,
+    write_figure,
+)
 from labrig.report.formatting import UNKNOWN, count_decimals, format_value, label_key
 from labrig.report.page import REPORT_FILE, TEMPLATES, read_world, tell_writing, write_page
 from labrig.report.palette import mark
@@ -35,8 +43,6 @@ DOCUMENT_FILE = "comparison.json"
 MOST_GROUPS = 40
 """More rows than that are a carpet; the table has them."""
 _LONGEST_NAME = 16
-_MOST_VECTORS = 300
-"""Points of a group that are drawn one by one; more of them become a picture, which is smaller."""
 
 
 def write_comparison(
@@ -65,14 +71,13 @@ def write_comparison(
     figure = draw_groups(content, table, ends) if len(content.groups) <= MOST_GROUPS else None
     if figure is not None:
         write_figure(folder, figure)
-    decimals = count_decimals([each.ci95 for each in content.groups], [each.mean for each in content.groups])
     shown = {
         "content": content,
         "quantity": split_quantity(content.quantity)[0],
         "colours": [mark(place).colour for place in range(len(content.groups))] if figure else [],
         "figure": figure,
         "ends": ends,
-        "decimals": max(2, decimals),
+        "decimals": count_decimals([g.ci95 for g in content.groups], [g.mean for g in content.groups]),
         "letters": letters,
         "runs": dict(zip((run.run for run in content.used), used, strict=True)),
         "conditions": [*list_conditions(*used)],
@@ -155,7 +160,7 @@ def _draw_group(axes: Axes, place: int, group: Group, rows: pd.DataFrame, unit: 
     # Spread in a fixed pattern, so that equal values do not cover each other.
     up = place - 0.25 + 0.035 * (np.arange(len(values)) % 5 - 2)
     dots = axes.plot(values, up, look.marker, c=look.colour, markersize=4.2, alpha=0.85, markeredgewidth=0)
-    dots[0].set_rasterized(len(values) > _MOST_VECTORS)
+    dots[0].set_rasterized(len(values) > MOST_VECTORS)
     if unit == "specimen":
         blocks = rows.groupby("block")["value"].mean()
         rings = np.full(len(blocks), place - 0.12)

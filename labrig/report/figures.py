@@ -67,6 +67,8 @@ _DRAWN: dict[str, Any] = {"fmt": "none", "color": "black", "elinewidth": 1.6}
 _CLEAR: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
 """Behind words that stand on a line."""
 _PAPER: dict[str, Any] = {"fmt": "D", "color": "#666666", "mfc": "white", "markersize": 5, "linewidth": 0.9}
+MOST_VECTORS = 300
+"""Points that are drawn one by one; more of them become a picture, which is smaller."""
 
 
 class DrawnFigure(Markup):
@@ -207,7 +209,7 @@ def draw_interval(
         points = (across, along) if upright else (along, across)
         axes.plot(*points, style, color=colour, linewidth=width, markersize=size, clip_on=style == "-")
     if tuple(shown) != tuple(ends):
-        words, end = interval(ends, max(2, count_decimals([ends], ends))), int(upright or shown[0] == ends[0])
+        words, end = interval(ends, count_decimals([ends], ends)), int(upright or shown[0] == ends[0])
         # Beside an upright interval, and above the arrow of any other.
         look: dict[str, Any] = {"rotation": 90, "va": "top"} if upright else {"ha": ("left", "right")[end]}
         place_at, off = ((place, shown[1]), (-11, 0)) if upright else ((shown[end], place), (0, 5))

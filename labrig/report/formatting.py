@@ -39,11 +39,11 @@ def interval(value: Sequence[float] | None, digits: int = 2) -> str:
 def count_decimals(
     intervals: Iterable[tuple[float, float] | None], values: Iterable[float | None], most: int = 9
 ) -> int:
-    """Return as many decimals as the narrowest interval deserves; without any, as a tenth of the largest value."""
+    """Return as many decimals as the narrowest interval deserves, or a tenth of the largest value; at least two."""
     widths = [limits[1] - limits[0] for limits in intervals if limits is not None]
     largest = max((abs(value) for value in values if value is not None), default=1.0)
     least = min((width for width in widths if width > 0), default=largest / 10)
-    return min(max(1 - math.floor(math.log10(least or 1.0)), 0), most)
+    return min(max(1 - math.floor(math.log10(least or 1.0)), 2), most)
 
 
 def label_key(key: str) -> str:

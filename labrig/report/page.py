@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
@@ -206,6 +207,7 @@ _FILTERS = {
     "medians": _take_medians,
     "mode": statistics.mode,
     "dist": math.dist,
+    "interp": np.interp,
     "sd": statistics.stdev,
     "bind_units": _bind_units,
     "said_in": _select_said,

@@ -57,7 +57,6 @@ def _draw(content: RowTable, name: str, place: int) -> Markup:
         axes = figure.subplots()
         seen = mark(place)
         axes.plot(*zip(*points, strict=True), linestyle="none", marker=seen.marker, color=seen.colour)
-        axes.set_xlabel("trial")
-        axes.set_ylabel(name)
+        axes.set(xlabel="trial", ylabel=name)
         axes.grid(visible=True)
         return svg(figure, f"rows-{place}")

@@ -48,6 +48,7 @@ def make_page(
         "files": sorted(file.name for file in result.path.glob("*.json")),
         "coverage": _draw_coverage(content, needle_px),
         "paper": paper,
+        "view": None if plane is None else plane.view_sentence(),
         "grid_mm": _GRID_MM,
         "limits": lens_judgement,
         "largest_off_mm": LARGEST_OFF_MM,

@@ -37,13 +37,11 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
             (detail, hinge.links, "Schematic: the cut of hinge a"),
         ):
             _draw_links(axes, links)
-            axes.set_title(title)
-            axes.set_xlabel("across the needle (mm)")
+            axes.set(title=title, xlabel="across the needle (mm)")
         for axes in (along, detail):
             axes.set_ylabel("along the needle (mm)")
         for axes in (along, across):
-            axes.set_xlim(-1.2 * outer_mm, 2.0 * outer_mm)
-            axes.set_ylim(-2.2 * outer_mm, 2.2 * outer_mm)
+            axes.set(xlim=(-1.2 * outer_mm, 2.0 * outer_mm), ylim=(-2.2 * outer_mm, 2.2 * outer_mm))
             axes.text(1.1 * outer_mm, 1.7 * outer_mm, "socket", fontsize=8.5)
             axes.text(1.1 * outer_mm, -1.8 * outer_mm, "knuckle", fontsize=8.5)
         along.plot(0.0, 0.0, "+", color=_PAPER, markersize=9)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from labrig.errors import InputError
 from labrig.lab import CALIBRATION, PROTOCOLS, find_in_lab, find_lab_folder
+from labrig.record.layout import MANIFEST
 
 LAST = Path("last")
 SIMULATED_RIG = CALIBRATION / "rig-simulated.yaml"
@@ -70,7 +71,8 @@ def find_run_folder(run: Path, runs_dir: Path) -> Path:
 
         listed = list_runs(runs_dir)
         return listed[0].run if listed else run
-    return named if len(run.parts) == 1 and not run.exists() and named.is_dir() else run
+    # A folder here that is no run, such as `calibration`, does not hide the run of that name.
+    return named if len(run.parts) == 1 and not (run / MANIFEST).exists() and named.is_dir() else run
 
 
 def require_run_folder(run: Path, runs_dir: Path) -> Path:

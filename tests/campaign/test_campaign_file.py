@@ -268,8 +268,7 @@ def test_what_is_said_of_keys_that_need_pictures_holds(tmp_path: Path) -> None:
     task = campaign().find_task(0)
 
     def compute(**drawn: object) -> object:
-        changed = type(task)(0, arm, 0, drawn, 0, 5, "world")
-        return compute_task(changed)
+        return compute_task(type(task)(0, arm, 0, drawn, 0, 5, "world"))
 
     assert all(map(needs_pictures, OF_PICTURES))
     assert not any(map(needs_pictures, (*COUNTED, "rig.camera.width_px")))

@@ -133,6 +133,8 @@ def test_a_protocol_is_named_in_any_folder_of_the_lab(
     lab: Path, labrig: Labrig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Protocol, rig, calibration and runs are those of the lab folder; what was probably meant is named."""
+    (lab / "data/runs/calibration").mkdir()
+    assert "data/runs/calibration is no run" in labrig("report", "calibration").err
     monkeypatch.chdir(lab / "data")
     checked = labrig("check", "steerability", "--json")
     assert (checked.exit_code, checked.json()["ok"]) == (0, True)

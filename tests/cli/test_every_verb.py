@@ -119,6 +119,14 @@ def test_every_verb_takes_a_finished_run(kept: Path, tmp_path: Path, labrig: Lab
     require_sound(labrig, tmp_path / "out" / "copy")
 
 
+@pytest.mark.parametrize("kept", ["import"], indirect=True)
+def test_pictures_that_nobody_has_measured_have_a_page(kept: Path, labrig: Labrig) -> None:
+    """It says how to measure them."""
+    shutil.rmtree(kept / "analysis")
+    assert labrig("report", kept).exit_code == 0
+    assert "<code>labrig reanalyze" in (kept / "report.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.processors
 @pytest.mark.parametrize("kept", MEASURED, indirect=True)
 def test_a_kept_record_is_measured_as_before(kept: Path, labrig: Labrig) -> None:

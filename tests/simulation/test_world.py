@@ -269,8 +269,7 @@ def test_layers_bend_the_needle_at_their_own_radius() -> None:
     world = _phantom(layers=layers)
     world.advance(40.0, 0.0, 15.0)
     line = centre_line_mm(world, 2001)
-    headings = np.arctan2(*np.diff(line, axis=0).T)
-    curvatures = -np.gradient(headings) / 0.02
+    curvatures = -np.gradient(np.arctan2(*np.diff(line, axis=0).T)) / 0.02
     for z_mm, scale in ((8.0, 0.8), (20.0, 1.2), (27.0, 1.0)):
         index = int(np.argmin(np.abs(line[:, 1] - z_mm)))
         assert 1 / curvatures[index] == pytest.approx(scale * RADIUS_MM, rel=0.01)

@@ -104,17 +104,14 @@ def test_a_needle_is_steered_through_a_cavity():
     """A needle that goes straight for 8 mm half-way still arrives within a millimetre."""
     problem = PlanProblem((0.0, 5.0, 100.0), planar=True)
     needle = DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=1.5, cavity_mm=(50.0, 58.0))
-    chosen = SteeringSettings(problem, WATCHFUL)
-    done = drive(needle, chosen, sigma_mm=0.2, seed=2)
-    assert done.stop == "target_reached"
+    assert drive(needle, SteeringSettings(problem, WATCHFUL), sigma_mm=0.2, seed=2).stop == "target_reached"
     assert np.linalg.norm(needle.place - problem.target_mm) < 1.0
 
 
 @pytest.mark.parametrize(("share", "limit_deg"), [(0.05, 1.4), (0.2, 1.5), (0.0, 4.0)])
 def test_false_sightings_hardly_turn_the_heading(share, limit_deg):
     """One in twenty or in five, as in the benchmark; a thing seen six times in a row is left again without a turn."""
-    rmse_deg = scattered_rmse_deg(5, share) if share else streak_rmse_deg(5)
-    assert rmse_deg < limit_deg
+    assert (scattered_rmse_deg(5, share) if share else streak_rmse_deg(5)) < limit_deg
 
 
 def test_after_false_sightings_the_next_must_be_closer_to_count():

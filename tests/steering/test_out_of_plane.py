@@ -45,8 +45,7 @@ def integrate(path, radius_mm=RADIUS_MM, *, roll_rad=0.0, lag_rad=0.0, wander=0.
     bevel = np.full(DRAWS, -math.pi)  # from below, so that the first turn is a positive one
     for length_mm, base_rad, _ in path:
         bevel = np.clip(bevel, base_rad - lag_rad, base_rad + lag_rad)
-        steps = round(length_mm / STEP_MM)
-        for _ in range(steps):
+        for _ in range(round(length_mm / STEP_MM)):
             angle = bevel + roll_rad
             # The needle's own axes: across the plane, and in it, both square to the tangent.
             across = np.cross(np.array((0.0, 1.0, 0.0)), tangent)

@@ -321,8 +321,7 @@ def test_of_the_tips_in_a_cell_one_is_kept():
 def test_a_tolerance_of_the_radius_buys_robustness(planar):
     """With its tolerance in the plan the worst radius misses by less, and the stated worst miss is the true one."""
     known = PlanProblem(TARGET, OBSTACLES, radius_mm=30.0, planar=planar)
-    wide = replace(known, radius_range_mm=(27.6, 32.9))
-    robust = plan_path(wide)
+    robust = plan_path(replace(known, radius_range_mm=(27.6, 32.9)))
 
     def miss_mm(psi: np.ndarray, radius_mm: float) -> float:
         path = integrate_path([(roll, angle * 30.0 / radius_mm) for angle, roll in psi], radius_mm)

@@ -95,8 +95,7 @@ def test_no_other_directions_leave_less(arcs_mm, lag):
     _, path, _ = steer(arcs_mm, lag, lag, room)
     others = ([1 if number % 2 == 0 else -1 for number in range(turns)], [1] * turns)
     least_mm = min(left_by(arcs_mm, directions, lag) for directions in others)
-    rounded_mm = 0.02 * turns
-    assert find_lag_sd_mm(path, lag) <= least_mm + rounded_mm
+    assert find_lag_sd_mm(path, lag) <= least_mm + 0.02 * turns
 
 
 @given(lengths_mm, lags, st.floats(4.0, 13.0))

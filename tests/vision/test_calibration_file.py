@@ -86,8 +86,7 @@ def test_a_map_without_intrinsics_comes_back(tmp_path):
 
 def test_a_plane_is_bound_to_its_lens(plane_file, tmp_path):
     """A map is not read with another lens, without one, or with one where it was made without."""
-    other = replace(LENS, fx=LENS.fx + 1e-9)
-    for intrinsics in (other, None):
+    for intrinsics in (replace(LENS, fx=LENS.fx + 1e-9), None):
         with pytest.raises(InputError, match="was made with the intrinsics"):
             load_plane(plane_file, intrinsics)
     save_plane(tmp_path / "scale.json", PlaneMap.from_scale(5.0, (1.0, 2.0), "up"), {})

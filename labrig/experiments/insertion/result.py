@@ -250,9 +250,8 @@ def describe_radius(noise: Mapping[str, Any] | None, settings: Mapping[str, Any]
     mm, sd_mm = (noise or {}).get("radius_mm"), (noise or {}).get("radius_sd_mm")
     if mm is None or sd_mm is None or abs(mm - stated_mm) < 3.0 * math.hypot(sd_mm, stated_sd_mm):
         return None
-    stated = f"{stated_mm:g} mm ({f'SD {stated_sd_mm:g} mm' if stated_sd_mm else 'as exact'})"
-    bent = f"by the sightings, if it was the same all the way, it was {mm:.1f} mm (SD {sd_mm:.1f} mm)"
-    return f"The protocol states a radius of {stated}; {bent}"
+    bent = f"The needle bent with a radius of {mm:.1f} mm (SD {sd_mm:.1f} mm) by the sightings"
+    return f"{bent}, where the protocol states {stated_mm:g} mm"
 
 
 def describe_nis(noise: Mapping[str, Any] | None) -> str | None:

@@ -41,11 +41,7 @@ def make_curvature_page(
     lines = load_centre_lines(result.path)
     plane = load_plane_map(run)
     gels = _list_gels(content, lines)
-    shown = [
-        measurement
-        for measurement in content.measurements
-        if measurement.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}
-    ]
+    shown = [one for one in content.measurements if one.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}]
     sheets = [(measurement, draw_picture(run, measurement, lines, plane)) for measurement in shown]
     return Page(
         TEMPLATE,
@@ -94,9 +90,11 @@ def _list_gels(content: CurvatureResult, lines: CentreLines) -> list[tuple[Speci
             label=f"{gel.gelatin_percent:g} %" + (f" ({again})" if again > 1 else ""),
             mark=mark(number),
             paths_mm=tuple(
-                lines[picture.frame].mm - np.asarray(picture.entry_mm)
+                path_mm[np.hypot(*(path_mm - path_mm[-1]).T) >= content.settings.window_end_mm]
+                - picture.entry_mm
                 for picture in own
                 if picture.frame in lines and picture.entry_mm is not None
+                for path_mm in [lines[picture.frame].mm]
             ),
             radii_mm=tuple(picture.radius_mm for picture in own if picture.radius_mm is not None),
             mean_mm=gel.mean_radius_mm,

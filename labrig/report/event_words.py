@@ -5,10 +5,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Literal
 
 from jinja2 import Environment, StrictUndefined, Template, UndefinedError
 
+from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.events import ConditionMet, Continue, MarkBad, OperatorNote, Pause, Repeat, Skip, Undo
 from labrig.record.reader import Run
 from labrig.report.formatting import Rows, format_value
@@ -16,34 +18,7 @@ from labrig.text import split_quantity
 
 Level = Literal["ERROR", "WARN", "INFO", "DEBUG"]
 
-_SENTENCES: Mapping[str, str] = {
-    "run_start": "run starts: {{ experiment }}",
-    "run_resume": "run goes on: {{ experiment }}",
-    "run_stop": "run {{ 'succeeded' if exit_status == 'success' else exit_status }}{% if reason %}: {{ reason }}"
-    "{% endif %}",
-    "trial_start": "trial {{ trial + 1 }} begins{% if specimen is defined %} in {{ specimen }}{% endif %}"
-    "{% if hole is defined %}, hole {{ hole + 1 }}{% endif %}",
-    "trial_stop": "trial {{ trial + 1 }}: {{ exit_status }}",
-    "operator": "operator: {{ choice | default('confirmed' if confirmed else 'refused') | plain }} "
-    "“{{ request | plain }}{% if details %} ({{ details | fields }}){% endif %}”"
-    "{% if answer %}: {{ answer }}{% endif %}",
-    "move": "{{ axis }} moves to {{ position | place(axis) }} at {{ speed | place(axis) }}/s",
-    "move_done": "{{ axis }} is at {{ position | place(axis) }}",
-    "withdrawal_start": "needle is withdrawn in {{ moves }} moves",
-    "withdrawal_stop": "needle is out",
-    "value": "{{ name }} of trial {{ trial + 1 }} {% if value is none %}could not be measured: {{ reason }}"
-    "{% else %}is {{ '%.4g' % value }}{% endif %}",
-    "pause": "Paused {% if trial is defined %}during trial {{ trial + 1 }}{% else %}between two trials{% endif %} "
-    "by {{ by }}.",
-    "continue": "Went on after the pause, by {{ by }}.",
-    "skip": "Trial {{ trial + 1 }} was skipped.",
-    "repeat": "Trial {{ trial + 1 }} was to be made again; it is left out of the evaluation.",
-    "mark_bad": "Trial {{ trial + 1 }} was marked as bad and is left out of the evaluation: {{ reason }}",
-    "note": "Note{% if trial is defined %} on trial {{ trial + 1 }}{% endif %}: {{ text }}",
-    "undo": "Taken back: the {{ {'repeat': 'repetition', 'mark_bad': 'mark'}.get(undone, undone) }}.",
-    "condition": "Trial {{ trial + 1 }}: {{ name }} is {{ '%.4g' % value }}, the run "
-    "{{ 'stops' if action == 'stop' else 'asks' }} when {{ condition }}.",
-}
+_SENTENCES: Mapping[str, Any] = load_yaml_values(Path(__file__).with_name("event_words.yaml"))
 _DECIDED = frozenset(
     model.kind for model in (Pause, Continue, Skip, Repeat, MarkBad, OperatorNote, Undo, ConditionMet)
 )

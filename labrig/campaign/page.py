@@ -60,9 +60,10 @@ def write_page(
     spoken = dict.fromkeys(key for keys in clear.values() for key in keys)
     ordered = [] if maps else [*dict.fromkeys([*spoken, *ranges])]
     stated = dict(flatten(loaded.arms[0].protocol.model_dump(mode="json")))
-    granted = {key: (of, stated.get(of)) for key, of in pd.read_csv(_GRANTED).to_numpy().tolist()}
+    known = pd.read_csv(_GRANTED, keep_default_na=False).to_numpy().tolist()
+    granted = {key: (of, stated.get(of), why) for key, of, why in known}
     if _LENS in ranges and loaded.arms[0].rig is not None:
-        granted[_LENS] = ("", load_plane_map(loaded.arms[0].rig).camera_distance_mm)
+        granted[_LENS] = ("", load_plane_map(loaded.arms[0].rig).camera_distance_mm, "")
     first = 0 if result.pairs else min(max(1, len(spoken)), 3)
     front = draw_over_points(result, table, ordered[:first], granted, "over-first")
     points = draw_over_points(result, table, ordered[first:], granted, "over-points")

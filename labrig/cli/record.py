@@ -1,9 +1,10 @@
 """`labrig report` and `view`: show a run."""
 
+import os
 from pathlib import Path
 
 from labrig.cli.options import RunArgument, RunsArgument
-from labrig.cli.output import SPEAKS_JSON, print_json, print_line
+from labrig.cli.output import SPEAKS_JSON, print_json, print_line, say
 from labrig.cli.several_runs import Row, add_damage, do_for_each_run, report_damage
 from labrig.errors import RecordError
 
@@ -28,13 +29,15 @@ def view(run_path: RunArgument) -> int:
     """
     from labrig.cli.attendant import TerminalAttendant
     from labrig.library import door
-    from labrig.report.viewer import open_view
+    from labrig.report.viewer import has_display, open_view
 
     run = door.open_run(run_path)
     path = door.view(run, attendant=TerminalAttendant())
     damage = report_damage(run.damage)
     print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})
     print_line(str(path))
-    if not SPEAKS_JSON.get():
+    if not SPEAKS_JSON.get() and has_display(os.environ):
         open_view(path)
+    elif not SPEAKS_JSON.get():
+        say(f"there is no display here: copy it to a computer that has one, and open it by rerun {path.name}")
     return RecordError.exit_code if damage else 0

@@ -276,8 +276,7 @@ def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(tmp_path, sweep):
 def test_a_run_without_pictures_has_an_empty_result(tmp_path):
     """A run that stopped before its first picture has an empty result."""
     sweep = SyntheticSweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
-    run = record_sweep(tmp_path, sweep)
-    result = measure(open_run(run.path), workers=2).result
+    result = measure(open_run(record_sweep(tmp_path, sweep).path), workers=2).result
     assert isinstance(result.content, CurvatureResult)
     assert result.content.measurements == ()
     assert load_centre_lines(result.path) == {}

@@ -120,9 +120,14 @@ def test_every_verb_takes_a_finished_run(kept: Path, tmp_path: Path, labrig: Lab
 
 
 @pytest.mark.parametrize("kept", ["import"], indirect=True)
-def test_pictures_that_nobody_has_measured_have_a_page(kept: Path, labrig: Labrig) -> None:
-    """It says how to measure them."""
+def test_pictures_that_nobody_has_measured_have_a_page(
+    kept: Path, labrig: Labrig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says how to measure them. Without a display their view is made, and it is said how to open it."""
     shutil.rmtree(kept / "analysis")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert "there is no display here" in labrig("view", kept).err
     assert labrig("report", kept).exit_code == 0
     assert "<code>labrig reanalyze" in (kept / "report.html").read_text(encoding="utf-8")
 

@@ -86,7 +86,6 @@ def test_a_hinge_that_cannot_be_cut_is_refused(
 def test_two_sections_decide_hinge_b() -> None:
     """With thirty sections more, which can only stop it earlier, hinge b still turns to within 0.005 degrees."""
     view = PAPER.hinge_b()
-    depths_mm = np.linspace(0.001, 0.59, 30)
-    more = (PAPER.section(float(depth)) for depth in depths_mm)
+    more = (PAPER.section(float(depth)) for depth in np.linspace(0.001, 0.59, 30))
     denser = replace(view, sections=(*view.sections, *more))
     assert NoFit(denser).is_free(search_largest_rotation(view).rotation_deg - 0.005)

@@ -27,8 +27,7 @@ PI, LAG_RAD = math.pi, math.radians(10.0)
 
 def cut(*pieces: tuple[float, float], heading_rad: float = 0.0, unevenness: Unevenness = EVEN) -> Track:
     """Return a track cut to each arc length at each roll in turn."""
-    start = PathNode(0.0, 0.0, 0.0, heading_rad, 0.0)
-    track = Track(start, RADIUS_MM, NEEDLE, unevenness)
+    track = Track(PathNode(0.0, 0.0, 0.0, heading_rad, 0.0), RADIUS_MM, NEEDLE, unevenness)
     for arc_mm, roll_rad in pieces:
         track.extend(arc_mm, roll_rad)
     return track

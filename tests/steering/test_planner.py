@@ -226,10 +226,8 @@ def test_the_room_is_the_clearance_of_the_tightest_bend(roll_rad, y_mm, z_mm, aw
     spheres = (Obstacle((1.0, y_mm, z_mm), 6.0), behind, beside)
     around = Surroundings(PlanProblem((0.0, 0.0, 90.0), spheres, planar=True))
     psi = np.array([[(1.2, roll_rad)]])
-    along = integrate_path([(away_rad, 1.2)], around.problem.radius_mm)
-    in_plane = along - (0.0, y_mm, z_mm)
-    disc_radius_mm = math.sqrt(6.6**2 - 1.0)
-    room_mm = np.linalg.norm(in_plane, axis=1).min() - disc_radius_mm
+    in_plane = integrate_path([(away_rad, 1.2)], around.problem.radius_mm) - (0.0, y_mm, z_mm)
+    room_mm = np.linalg.norm(in_plane, axis=1).min() - math.sqrt(6.6**2 - 1.0)
     radius_mm = around.problem.radius_mm
     near = find_nearest_places(psi, radius_mm, around.centres_mm, path_frames(psi, radius_mm))
     assert find_least_rooms(near, around) == pytest.approx(room_mm, abs=1e-3)

@@ -15,8 +15,8 @@ def read_view(path: Path) -> dict[str, list[Any]]:
         told = [
             name for name in batch.schema.names if name.endswith((":scalars", ":labels", ":text", ":blob"))
         ]
-        if told and "rig_time" in batch.schema.names:
-            times = batch.column("rig_time").cast("int64").to_pylist()
+        if told and "rig time" in batch.schema.names:
+            times = batch.column("rig time").cast("int64").to_pylist()
             values += [
                 (t_ns, row[0])
                 for t_ns, row in zip(times, batch.column(told[0]).to_pylist(), strict=True)

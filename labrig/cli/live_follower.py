@@ -46,6 +46,10 @@ def _show(wanted: ViewerKind, program: str) -> None:
     clock = SystemClock()
     kind = wanted if has_display(os.environ) else "web"
     viewer = start_viewer(kind, clock, program)
+    if kind != wanted:
+        _tell(
+            "there is no display here: a browser shows the run while it lasts, and with --live web after it"
+        )
     _tell_where(viewer)
     # What takes a second to load is loaded while the rig is opened: the first picture is not kept waiting.
     find_experiment("insertion").part("follow")

@@ -1,6 +1,6 @@
 """A record on the time line of the rerun viewer: saved as `RUN/view.rrd`, or live while the run is made.
 
-Both are drawn by the same functions, all at once or line by line. There are two time lines, `rig_time` [s] and `frame`.
+Both are drawn by the same functions, all at once or line by line. There are two time lines, `rig time` [s] and `frame`.
 Only neighbouring versions of the viewer read a rerun file, so this is a view and never a record; it can be deleted and
 made again. The pictures are JPEG; measured ones show the shaft, those of an insertion also obstacles, target, plan and
 path.
@@ -37,7 +37,7 @@ from labrig.report.view import View
 from labrig.report.viewer import RunningViewer
 from labrig.vision.picture import size_of
 
-TIME = "rig_time"
+TIME = "rig time"
 """The time line of everything [s]."""
 DRIVES, EVENTS, CAMERA = "/drives", "/events", "/camera"
 
@@ -146,7 +146,9 @@ def show_live(
         When a line or a picture is damaged.
     """
     stream = rr.RecordingStream("labrig", recording_id=run.path.name)
-    stream.connect_grpc(viewer.url, default_blueprint=_make_blueprint(view, None))
+    stream.connect_grpc(viewer.url)
+    # A viewer keeps the layout of the run before, and prefers it to one that is sent as the default.
+    stream.send_blueprint(_make_blueprint(view, None))
     drawing = _RecordDrawing(stream, view, describe_status)
     for lines in run.follow(clock):
         chosen = choose_pictures(lines.pictures, view.needs)
@@ -312,10 +314,10 @@ def _make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blu
         Begin and end of what plots show [rig time, s]; None to follow what arrives.
     """
     whole = rr.TimeRange(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite())
-    window = _make_window(motion_s)
-    overviews = [_make_plot(*plot, whole) for plot in view.overviews]
-    curves = [_make_plot(*plot, window) for plot in (*view.curves, *_CURVES)]
-    drives = rrb.StateTimelineView(origin=DRIVES, name="Drives", time_view=rrb.TimeAxis(view_range=window))
+    shown, axis = _make_ranges(motion_s)
+    overviews = [_make_plot(*plot, whole, whole) for plot in view.overviews]
+    curves = [_make_plot(*plot, shown, axis) for plot in (*view.curves, *_CURVES)]
+    drives = rrb.StateTimelineView(origin=DRIVES, name="Drives", time_view=rrb.TimeAxis(view_range=shown))
     log = rrb.TextLogView(
         origin=EVENTS,
         name="Events",
@@ -335,18 +337,23 @@ def _make_blueprint(view: View, motion_s: tuple[float, float] | None) -> rrb.Blu
     )
 
 
-def _make_plot(origin: str, name: str, window: rr.TimeRange) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=rrb.TimeAxis(view_range=window))
+def _make_plot(origin: str, name: str, shown: rr.TimeRange, axis: rr.TimeRange) -> rrb.TimeSeriesView:
+    data = rrb.VisibleTimeRange(TIME, range=shown)
+    return rrb.TimeSeriesView(
+        origin=origin, name=name, axis_x=rrb.TimeAxis(view_range=axis), time_ranges=data
+    )
 
 
-def _make_window(motion_s: tuple[float, float] | None) -> rr.TimeRange:
-    """Return what plots show: the motion or, of a run that is being made, what was just before."""
-    if motion_s is None:
-        before = rr.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_WINDOW_S)
-        return rr.TimeRange(before, rr.TimeRangeBoundary.cursor_relative(seconds=0.0))
-    begin_s, end_s = motion_s
-    begin_s -= _LEGEND_SHARE * (end_s - begin_s)
-    return rr.TimeRange(*(rr.TimeRangeBoundary.absolute(seconds=t_s) for t_s in (begin_s, end_s)))
+def _make_ranges(motion_s: tuple[float, float] | None) -> tuple[rr.TimeRange, rr.TimeRange]:
+    """Return what plots show, and their axis, which begins earlier: their legends stand there.
+
+    Shown is the motion or, of a run that is being made, what was just before.
+    """
+    begin_s, end_s = motion_s or (-_LIVE_WINDOW_S, 0.0)
+    early_s = begin_s - _LEGEND_SHARE * (end_s - begin_s)
+    place = rr.TimeRangeBoundary.absolute if motion_s else rr.TimeRangeBoundary.cursor_relative
+    shown, axis = (rr.TimeRange(place(seconds=t_s), place(seconds=end_s)) for t_s in (begin_s, early_s))
+    return shown, axis
 
 
 def _find_motion(lines: RecordLines) -> tuple[float, float] | None:

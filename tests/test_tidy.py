@@ -174,8 +174,7 @@ def test_every_room_is_named_where_labrig_says_what_it_is() -> None:
     """The docstring of the package has a line for each room, and for each file beside them."""
     files = {path.stem for path in LABRIG.glob("*.py")} - {"__init__", "__main__"}
     lines = [line for line in (labrig.__doc__ or "").splitlines() if line.startswith("- ")]
-    named = {name for line in lines for name in re.findall(r"`(\w+)`", line)}
-    assert named == {*ROOMS, *files}
+    assert {name for line in lines for name in re.findall(r"`(\w+)`", line)} == {*ROOMS, *files}
 
 
 def test_every_room_and_experiment_is_on_the_lists_of_the_import_linter() -> None:

@@ -24,8 +24,9 @@ from labrig.steering.parameters import SECTIONS
 from labrig.text import split_quantity, tell_value
 
 RESULT_FILE = "result.json"
-_GRANTED, _LENS = Path(__file__).with_name("granted.csv"), "rig.world.lens.distance_mm"
-"""Where a protocol says of a simulated world what an insertion reckons with."""
+_GRANTED = pd.read_csv(Path(__file__).with_name("granted.csv"), keep_default_na=False).to_numpy().tolist()
+"""Key of a simulated world, key of the protocol that says what an insertion reckons with, and why it matters."""
+_LENS = "rig.world.lens.distance_mm"
 
 
 def write_page(
@@ -60,8 +61,7 @@ def write_page(
     spoken = dict.fromkeys(key for keys in clear.values() for key in keys)
     ordered = [] if maps else [*dict.fromkeys([*spoken, *ranges])]
     stated = dict(flatten(loaded.arms[0].protocol.model_dump(mode="json")))
-    known = pd.read_csv(_GRANTED, keep_default_na=False).to_numpy().tolist()
-    granted = {key: (of, stated.get(of), why) for key, of, why in known}
+    granted = {key: (of, stated.get(of), why) for key, of, why in _GRANTED}
     if _LENS in ranges and loaded.arms[0].rig is not None:
         granted[_LENS] = ("", load_plane_map(loaded.arms[0].rig).camera_distance_mm, "")
     first = 0 if result.pairs else min(max(1, len(spoken)), 3)

@@ -192,8 +192,7 @@ class Experiment(MeasuredExperiment):
         AnswerIsNoError, SafetyStopError, InterruptedRunError, MachineError
             When it ends early; the caller stops the axes and closes the record.
         """
-        procedure = partial(self.part("run"), protocol, session)
-        self.call(procedure, f"; the record is {session.recorder.path}")
+        self.call(partial(self.part("run"), protocol, session), f"; the record is {session.recorder.path}")
 
 
 @cache

@@ -557,8 +557,7 @@ class Session:
         if goes_in and not (self.state.needle_in_tissue and self.state.since_run == self.run_name):
             self.rig.needle.mark_in_tissue(self.run_name)
         self.dialogue.calls += 1
-        setpoint = self.rig.start_move(axis_name, position, speed)
-        self.record(Move(axis=axis_name, **vars(setpoint)))
+        self.record(Move(axis=axis_name, **vars(self.rig.start_move(axis_name, position, speed))))
 
     def read_states(self) -> Mapping[str, DriveReading]:
         """Read every axis now, record it, and return it. Raises as `wait_until`."""

@@ -150,8 +150,7 @@ class ShaftErrors:
 
 def measure_arcs(places_mm: FloatArray) -> FloatArray:
     """Return the seen arc lengths (N,) at the points of a path (N, 2)."""
-    steps_mm = np.linalg.norm(np.diff(places_mm, axis=0), axis=1)
-    return np.concatenate(([0.0], np.cumsum(steps_mm)))
+    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(places_mm, axis=0), axis=1))))
 
 
 def draw_shaft(

@@ -92,8 +92,7 @@ def record(order: RunOrder, attendant: Attendant) -> FinishedRun:
         opening = partial(open_record, order, plan.trials, rig.clock, rig.describe())
         return Session(rig, rig.do_aside(opening), progress)
 
-    conduct_on = partial(conduct, experiment, protocol)
-    return record_on_rig(order, plan, attendant, begin, conduct_on)
+    return record_on_rig(order, plan, attendant, begin, partial(conduct, experiment, protocol))
 
 
 def finish(

@@ -64,8 +64,7 @@ def _add_last_arc(psi: FloatArray, around: Surroundings) -> FloatArray:
     """Return the paths with a last arc up to where it passes the target at its nearest, or up to the largest length."""
     radius_mm = around.problem.radius_mm
     frames = path_frames(psi, radius_mm)
-    to_target = around.target_mm - frames.positions_mm[:, -1]
-    local = np.einsum("mab,ma->mb", frames.rotations[:, -1], to_target)
+    local = np.einsum("mab,ma->mb", frames.rotations[:, -1], around.target_mm - frames.positions_mm[:, -1])
     left = np.maximum(around.problem.max_length_mm / radius_mm - psi[..., 0].sum(axis=-1), 0.0)
     psi[:, -1, 0] = np.clip(np.arctan2(local[:, 2], local[:, 1] + radius_mm), 0.0, left)
     return psi

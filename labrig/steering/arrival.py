@@ -93,5 +93,4 @@ def decide_arrival(interval_mm: tuple[float, float], tolerance_mm: float) -> Arr
 @cache
 def _fill_normal() -> FloatArray:
     """Return points (3, N) that fill the standard normal distribution of space evenly."""
-    steps = _ROOT ** -np.arange(1.0, 4.0)
-    return freeze(ndtri((0.5 + np.arange(_POINTS) * steps[:, None]) % 1.0))
+    return freeze(ndtri((0.5 + np.arange(_POINTS) * _ROOT ** -np.arange(1.0, 4.0)[:, None]) % 1.0))

@@ -148,8 +148,7 @@ def free_angles(tips: Tips, field: Field) -> FloatArray:
 
 def grow_tips(tips: Tips, field: Field, samples: int) -> Tips:
     """Return the tips after one more arc, with `samples` angles each up to the end of the free arc."""
-    free = free_angles(tips, field)
-    angles = free[:, None] * (np.arange(1, samples + 1) / samples)
+    angles = free_angles(tips, field)[:, None] * (np.arange(1, samples + 1) / samples)
     parent, sample = np.nonzero(angles > ROUNDING)
     theta = angles[parent, sample]
     before = tips.take(parent)

@@ -128,8 +128,7 @@ def _psi_ahead(state: SteeringState, settings: SteeringSettings) -> FloatArray:
     per_mm = (1.0 - state.tip.slip) / _bounded_radius_mm(state, settings)
     acting_mm = [max(settings.policy.find_acting_mm(turn.at_mm), from_mm) for turn in state.ahead]
     stretches = pairwise((from_mm, *acting_mm, max(state.end_mm, from_mm)))
-    rolls_rad = (0.0, *(turn.roll_rad for turn in state.ahead))
-    arcs = zip(stretches, rolls_rad, strict=True)
+    arcs = zip(stretches, (0.0, *(turn.roll_rad for turn in state.ahead)), strict=True)
     return np.array([(max(end - start, 0.0) * per_mm, roll_rad) for (start, end), roll_rad in arcs])
 
 

@@ -4,12 +4,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import InputError, MeasurementRefusedError
+from labrig.vision.out_of_plane import Perspective
+
+FloatArray = NDArray[np.float64]
 
 _LEAST_INSERTIONS = 4
 _MOST_OFF = 0.25
+# Each leaves a hundredth of what the round before it left.
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,28 @@ class RollZeroFit:
     bend_mm: float
     expected_mm: float
     residual_rms_mm: float
+
+
+def correct_perspective(
+    roll_rad: ArrayLike, seen_mm: ArrayLike, perspective: Perspective | None
+) -> list[float]:
+    """Return the deflections (N,) of tips without what the camera's place does to them [mm].
+
+    A tip out of the plane is seen shifted along its line of sight. How far out it is follows from the cosine, so that
+    both are found in turns. Without a perspective the deflections are returned as they were seen.
+    """
+    seen, terms = np.asarray(seen_mm, dtype=float), _list_terms(roll_rad)
+    slopes = 0.0 if perspective is None else (seen - perspective.foot_mm[0]) / perspective.height_mm
+    deflections = seen
+    for _ in range(_ROUNDS):
+        _, cosine, sine = np.linalg.lstsq(terms, deflections, rcond=None)[0]
+        deflections = seen + slopes * (terms[:, 1] * sine - terms[:, 2] * cosine)
+    return list(map(float, deflections))
+
+
+def _list_terms(roll_rad: ArrayLike) -> FloatArray:
+    rolls = np.asarray(roll_rad, dtype=float)
+    return np.column_stack((np.ones_like(rolls), np.cos(rolls), np.sin(rolls)))
 
 
 def fit_roll_zero(
@@ -63,7 +90,7 @@ def fit_roll_zero(
             f"{len(rolls)} rolls and {len(places)} deflections, four of each are the least",
             "insert more often",
         )
-    terms = np.column_stack((np.ones_like(rolls), np.cos(rolls), np.sin(rolls)))
+    terms = _list_terms(rolls)
     solution, _, rank, _ = np.linalg.lstsq(terms, places, rcond=None)
     expected_mm = radius_mm * (1.0 - math.cos(length_mm / radius_mm))
     bend_mm = math.hypot(solution[1], solution[2])
@@ -74,8 +101,7 @@ def fit_roll_zero(
             "check needle and gel; the radius is planner: radius_mm: of an insertion, else needle: design_radius_mm:",
         )
     residuals = places - terms @ solution
-    freedom = len(rolls) - terms.shape[1]
-    spread_mm = math.sqrt(float(residuals @ residuals) / freedom)
+    spread_mm = math.sqrt(float(residuals @ residuals) / (len(rolls) - terms.shape[1]))
     covariance = spread_mm**2 * np.linalg.inv(terms.T @ terms)[1:, 1:]
     zero_rad = math.atan2(-solution[2], -solution[1])
     across = np.array((-math.sin(zero_rad), math.cos(zero_rad)))

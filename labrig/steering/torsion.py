@@ -225,8 +225,7 @@ def choose_turn(
         held = limits.hold(to_rad).all(axis=1) & limits.hold(farthest_rad).all(axis=1)
         if held.any():
             sd_mm = np.hypot(*(so_far + ways @ by_turn[len(path) : len(path) + count]).T)
-            wound_rad = np.abs(farthest_rad).max(axis=1)
-            best = np.lexsort((wound_rad, np.round(sd_mm / _SAME_MM), ~held))[0]
+            best = np.lexsort((np.abs(farthest_rad).max(axis=1), np.round(sd_mm / _SAME_MM), ~held))[0]
             direction = int(ways[best, 0])
             return BaseTurn(direction, float(to_rad[best, 0]), direction * lags_rad[0])
     return _turn_where_room_is(base_rad, (float(forth[0]), float(back[0])), lags_rad[0], limits)

@@ -109,8 +109,7 @@ def _measure_efficiency() -> float:
     truth = 560.0 * np.column_stack((np.cos(turn), np.sin(turn)))
     found = [fit_circle(truth + random.normal(0.0, 0.5, truth.shape)).radius for _ in range(400)]
     directions = np.column_stack((np.cos(turn), np.sin(turn), np.ones(len(turn))))
-    bound = 0.25 * np.linalg.inv(directions.T @ directions)[2, 2]
-    return float(bound / np.var(found))
+    return float(0.25 * np.linalg.inv(directions.T @ directions)[2, 2] / np.var(found))
 
 
 def _measure_time_ms() -> float:

@@ -174,8 +174,7 @@ def test_points_fill_each_range_evenly(method: str) -> None:
     sample = {"method": method, "n": 32, "keys": {"a.b": (2.0, 4.0), "c.d": (-1.0, 1.0)}}
 
     def draw(seed: int) -> list[dict[str, object]]:
-        tried = campaign(sample=sample, seed=seed)
-        return [tried.find_drawn(number) for number in range(32)]
+        return [campaign(sample=sample, seed=seed).find_drawn(number) for number in range(32)]
 
     for key, low, width in (("a.b", 2.0, 2.0), ("c.d", -1.0, 2.0)):
         units = (np.array([float(str(point[key])) for point in draw(5)]) - low) / width
@@ -194,8 +193,7 @@ def test_a_worker_gets_the_protocol_and_rig_that_labrig_run_would_read(tmp_path:
     keys = {"target.position_mm.1": [0, 8], "rig.world.needle.backlash_mm": [1, 2]}
     sample = {"method": "latin-hypercube", "n": 3, "keys": keys}
     vary = {"policy.replan_every_mm": [5, 10]}
-    loaded = load(write_campaign(tmp_path, depth="rig", vary=vary, sample=sample))
-    task = loaded.find_task(3)
+    task = load(write_campaign(tmp_path, depth="rig", vary=vary, sample=sample)).find_task(3)
     protocol, rig = make_models(task.arm, task.drawn, task.seed)
     values = protocol.model_dump()
     assert (task.point, protocol.seed, values["policy"]["replan_every_mm"]) == (1, task.seed, 10)

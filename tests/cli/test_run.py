@@ -254,8 +254,7 @@ def test_a_second_run_keeps_off_the_tracks_of_the_first(bench: Path, labrig: Lab
     assert shown["tracks"]["real"] == []
     assert "\ntracks of simulated runs:\n" in labrig("specimens", "A1").out
     assert labrig("replay", run, "--json").json()["identical"] is True
-    start_s = float(open_run(run).trials["start_t_s"][0])
-    cut = cut_short(run, run.with_name("cut"), start_s + 8.0)
+    cut = cut_short(run, run.with_name("cut"), float(open_run(run).trials["start_t_s"][0]) + 8.0)
     assert labrig("resume", cut, "--json").exit_code == 0
     assert list_places_mm(cut) == [place_mm, place_mm + 10.0]
 

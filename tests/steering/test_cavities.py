@@ -145,8 +145,7 @@ SLIPPING = settings(planar=True, slip_sd=0.02)
 
 def follow_with_slip(seed: int, slips: Floats) -> TipState:
     """Return the last state of an insertion whose steps are stated longer than they are, by slips (T,)."""
-    insertion = insert(seed, planar=True)
-    return follow(replace(insertion, step_mm=1.0 / (1.0 - slips)), SLIPPING)[-1]
+    return follow(replace(insert(seed, planar=True), step_mm=1.0 / (1.0 - slips)), SLIPPING)[-1]
 
 
 @pytest.mark.processors

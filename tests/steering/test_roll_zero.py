@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.steering.roll_zero import fit_roll_zero
+from labrig.steering.roll_zero import correct_perspective, fit_roll_zero
+from labrig.vision.out_of_plane import Perspective
 
 RADIUS_MM, LENGTH_MM = 28.0, 20.0
 BEND_MM = RADIUS_MM * (1.0 - math.cos(LENGTH_MM / RADIUS_MM))
@@ -24,6 +25,16 @@ def test_the_zero_is_found_wherever_it_is(zero_rad: float, sheath_mm: float) -> 
     fit = fit_roll_zero(ROLLS, strays, LENGTH_MM, RADIUS_MM)
     assert math.remainder(fit.zero_rad - zero_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
     assert fit.bend_mm == pytest.approx(BEND_MM)
+
+
+@given(zero_rad=st.floats(-3.1, 3.1), foot_mm=st.floats(-60.0, 60.0))
+def test_where_the_camera_stands_does_not_turn_the_zero(zero_rad: float, foot_mm: float) -> None:
+    """A pinhole 200 mm from the plane, above a place beside the needle, sees tips before it and behind it shifted."""
+    y_mm, x_mm = -BEND_MM * np.cos(ROLLS - zero_rad), BEND_MM * np.sin(ROLLS - zero_rad)
+    seen_mm = foot_mm + (y_mm - foot_mm) * 200.0 / (200.0 + x_mm)
+    corrected = correct_perspective(ROLLS, seen_mm, Perspective(np.array((foot_mm, 0.0)), 200.0))
+    fit = fit_roll_zero(ROLLS, corrected, LENGTH_MM, RADIUS_MM)
+    assert math.remainder(fit.zero_rad - zero_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_its_standard_deviation_is_that_of_the_zeros_found() -> None:

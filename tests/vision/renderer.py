@@ -122,8 +122,7 @@ class Camera:
         turn = lean @ cv2.Rodrigues(np.array([0.0, 0.0, roll]))[0]
         pose = np.column_stack((turn[:, :2], (0.0, 0.0, self.distance_mm)))
         if self.origin_px is not None:
-            there = replace(self, origin_px=None).to_mm([self.origin_px])[0]
-            pose[:, 2] += pose[:, :2] @ there
+            pose[:, 2] += pose[:, :2] @ replace(self, origin_px=None).to_mm([self.origin_px])[0]
         return pose
 
 

@@ -16,8 +16,7 @@ TEMPLATE = Path(__file__).with_name("page.html.jinja")
 def make_page(_run: Run, _protocol: DesignProtocol, result: AnalysisResult[DesignResult]) -> Page:
     """Return the page of a design: both answers, the hinge if there is one to cut, and figure 3."""
     content = result.content
-    by_equation = content.basis == "equation (3)"
-    cut_deg = content.beta_cut_deg if by_equation else content.search.beta_cut_deg
+    cut_deg = content.beta_cut_deg if content.basis == "equation (3)" else content.search.beta_cut_deg
     hinge = None if cut_deg is None else Hinge(content.tube, content.clearance_mm, cut_deg)
     shown = {
         "sentences": list(list_findings(content)),

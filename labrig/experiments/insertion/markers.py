@@ -69,8 +69,7 @@ def find_marker_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterat
 
 def list_marker_ids(protocol: InsertionProtocol) -> tuple[int | None, ...]:
     """Return the markers that target and obstacles are bound to, as `InsertionStart` has them; empty without any."""
-    bound = tuple(place.marker_id for place in protocol.places.values())
-    return () if protocol.markers is None else bound
+    return () if protocol.markers is None else tuple(place.marker_id for place in protocol.places.values())
 
 
 def find_target_sd_mm(protocol: InsertionProtocol, followed: "FollowedMarkers | None") -> float:

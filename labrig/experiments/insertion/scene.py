@@ -159,8 +159,7 @@ def _list_pictures(trial: InsertionTrial, events: Sequence[Event], plane: PlaneM
         if isinstance(event, TipObserved):
             strokes = *scene.draw_places(), *scene.draw_ways(), *scene.draw_tip()
             at = f"{event.depth_mm:.1f} mm inserted, {event.t_s - trial.start_t_s:.0f} s"
-            caption = f"{at}, {scene.left_mm:.1f} mm to the target"
-            yield FilmPicture(event.frame, strokes, caption)
+            yield FilmPicture(event.frame, strokes, f"{at}, {scene.left_mm:.1f} mm to the target")
     if trial.final_frame is not None:
         end = *scene.draw_places(), *scene.draw_line("taken", trial.shaft_mm)
         off_mm = trial.target_error_mm

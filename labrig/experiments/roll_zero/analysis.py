@@ -17,9 +17,10 @@ from labrig.experiments.shared.roll_zero_events import RollZeroRole, TorsionHole
 from labrig.experiments.shared.torsion_bends import find_lengths, measure_bend
 from labrig.protocol.sections import Sheath
 from labrig.record.reader import Run
-from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
+from labrig.steering.roll_zero import RollZeroFit, correct_perspective, fit_roll_zero
 from labrig.steering.torsion_fit import TorsionBend, TorsionFit, fit_torsion
 from labrig.vision.curvature import CurvatureSettings
+from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_tip import measure_shaft_tip
 
@@ -52,7 +53,8 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> F
         for line, measurement in zip(pictures, measured, strict=True)
         if measurement.tip_mm is not None and (roll_rad := line.rotation_rad) is not None
     ]
-    rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
+    rolls_rad = [roll for roll, _ in seen]
+    strays_mm = correct_perspective(rolls_rad, [stray for _, stray in seen], Perspective.of(plane))
     steps, radius_mm, reasons = protocol.roll_zero, protocol.needle.design_radius_mm, list[str]()
     fit = _judge(
         "the roll zero",

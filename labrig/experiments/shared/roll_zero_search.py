@@ -25,7 +25,8 @@ from labrig.protocol.sections import RollZeroSearch, RollZeroSteps
 from labrig.runner.session import Session
 from labrig.runner.sight import Sight
 from labrig.runner.withdrawal import confirm_needle_out, find_speeds, withdraw
-from labrig.steering.roll_zero import fit_roll_zero
+from labrig.steering.roll_zero import correct_perspective, fit_roll_zero
+from labrig.vision.out_of_plane import Perspective
 
 
 def find_roll_zero(
@@ -45,7 +46,8 @@ def find_roll_zero(
     session.reference_axes()
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
     rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
-    strays_mm = [_measure_stray_mm(protocol, steps, step, sight, session) for step in range(steps.rolls)]
+    seen_mm = [_measure_stray_mm(protocol, steps, step, sight, session) for step in range(steps.rolls)]
+    strays_mm = correct_perspective(rolls_rad, seen_mm, Perspective.of(sight.plane))
     fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, protocol.expected_radius_mm)
     session.record(
         RollZeroFound(
@@ -70,8 +72,7 @@ def _measure_stray_mm(
     session.tell(f"roll zero, {step + 1} of {steps.rolls}")
     session.ask(ShiftToHole(steps.specimen.name, step, step * steps.hole_spacing_mm))
     if steps.torsion is not None:
-        side = 1 if step % 2 else -1
-        session.move("rotation", roll_rad - side * math.pi / 2, rotation.max_speed / 2)
+        session.move("rotation", roll_rad - (math.pi if step % 2 else -math.pi) / 2, rotation.max_speed / 2)
     session.move("rotation", roll_rad, rotation.max_speed / 2)
     session.move("linear", protocol.sheath.depth_mm, protocol.sheath.speed_mm_s)
     origin = _find_sheath(protocol, step, sight, session)

@@ -82,8 +82,7 @@ def test_the_record_has_every_displacement_and_replays() -> None:
     assert {look["frame"] for look in events(run, "observation")} < {event["frame"] for event in seen}
     for event in seen:
         (marker,) = event["markers"]
-        moved_mm = math.hypot(*marker["displacement_mm"])
-        assert (marker["believed"], moved_mm) == (
+        assert (marker["believed"], math.hypot(*marker["displacement_mm"])) == (
             True,
             pytest.approx(event["depth_mm"] * 3 / WAY_MM, abs=0.05),
         )

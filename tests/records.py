@@ -29,7 +29,7 @@ QUICK = [*SMALL, *shlex.split(f"""
   --set rig.calibration.intrinsics=../{FOUND}/intrinsics.json --set rig.calibration.plane=../{FOUND}/plane.json
   --set sheath.speed_mm_s=15 --set insertion.speed_mm_s=5 --set insertion.withdraw_speed_mm_s=15
 """)]  # fmt: skip
-ROLLS = ("--set", "roll_zero.rolls=4", "--set", "roll_zero.length_mm=12")
+ROLLS = ("--set", "roll_zero.rolls=5", "--set", "roll_zero.length_mm=12")
 
 
 def main() -> None:

@@ -312,7 +312,7 @@ class RollZeroSteps(Model):
 
     specimen: Specimen
     """A block of gel with nothing in it."""
-    rolls: int = Field(6, ge=4, le=24)
+    rolls: int = Field(6, ge=5, le=24)
     """Insertions, at rolls spread evenly over a turn."""
     length_mm: PositiveMm = 20.0
     """Length of each insertion beyond the sheath [mm]."""

@@ -16,9 +16,9 @@ SHORTENED: Mapping[str, tuple[str, ...]] = {
     "insertion": (
         "target.position_mm=[0,2,20]", "obstacles=[{position_mm: [0,9,12], radius_mm: 3}]",
         "insertion.max_length_mm=30", "insertion.speed_mm_s=2", "insertion.frame_every_mm=2",
-        "policy.near_mm=0", "policy.final_mm=0", "roll_zero.rolls=4", "roll_zero.length_mm=12",
+        "policy.near_mm=0", "policy.final_mm=0", "roll_zero.rolls=5", "roll_zero.length_mm=12",
     ),
-    "roll-zero": ("roll_zero.rolls=4", "roll_zero.length_mm=12", "roll_zero.torsion=null"),
+    "roll-zero": ("roll_zero.rolls=5", "roll_zero.length_mm=12", "roll_zero.torsion=null"),
     "calibration": ("views=6",),
     "design": ("grid_points=3",),
 }  # fmt: skip

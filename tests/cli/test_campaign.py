@@ -19,7 +19,7 @@ FAST = {
     "target.position_mm": [0, 2, 20],
 }  # fmt: skip
 TINY = {
-    **FAST, "target.position_mm": [0, 1, 12], "insertion.frame_every_mm": 6, "roll_zero.rolls": 4,
+    **FAST, "target.position_mm": [0, 1, 12], "insertion.frame_every_mm": 6, "roll_zero.rolls": 5,
     "roll_zero.length_mm": 12,
 }  # fmt: skip
 """The shortest insertion, for whole runs."""

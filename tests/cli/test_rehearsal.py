@@ -99,7 +99,7 @@ def _converse(keyboard: int, answer: Callable[[str], str], press: Callable[[str]
 
 
 FAST = {
-    "target.position_mm": "[0, 2, 20]", "obstacles": "[]", "roll_zero.rolls": 4, "out_of_plane.lag_sd_deg": 1,
+    "target.position_mm": "[0, 2, 20]", "obstacles": "[]", "roll_zero.rolls": 5, "out_of_plane.lag_sd_deg": 1,
     "insertion.max_length_mm": 30, "policy.near_mm": 0, "policy.final_mm": 0,
     "insertion.speed_mm_s": 10, "insertion.withdraw_speed_mm_s": 30, "insertion.frame_every_mm": 4,
     "roll_zero.length_mm": 10, "rig.axes.rotation.max_speed": 12.5, "rig.axes.rotation.acceleration": 80,

@@ -39,7 +39,7 @@ SHORTER = {
         "roll_zero.torsion.max_sd_deg=20",
     ),
     "insertion": (
-        "target.position_mm=[0, 3, 40]", "obstacles=[]", "insertion.frame_every_mm=4", "roll_zero.rolls=4",
+        "target.position_mm=[0, 3, 40]", "obstacles=[]", "insertion.frame_every_mm=4", "roll_zero.rolls=5",
         "roll_zero.length_mm=12",
     ),
 }  # fmt: skip

@@ -23,7 +23,7 @@ from tests.pages import write_page
 from tests.runner.sessions import PROTOCOLS, RunBench, Watched, bench, large_bench
 
 NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
-STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12", "roll_zero.torsion=null")
+STEPS = ("roll_zero.rolls=5", "roll_zero.length_mm=12", "roll_zero.torsion=null")
 
 
 def conduct(
@@ -91,7 +91,7 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
     assert result.content.accepted
     assert result.content.fit is not None
     assert result.content.fit["zero_rad"] == pytest.approx(found["fit"]["zero_rad"], abs=1e-9)
-    assert [origin.accepted for origin in result.content.origins] == [True] * 4
+    assert [origin.accepted for origin in result.content.origins] == [True] * 5
     shown = page(run, result)
     assert ("Where the sheath stood" in shown, "The plane map held" in shown) == (True, True)
 

@@ -47,7 +47,7 @@ def test_a_rig_that_is_not_whole_or_calibrated_otherwise_cannot_run() -> None:
     [
         ("steerability", ONE_INSERTION, 0.02),
         ("calibration", ("views=6", "plane.origin_px=[123,112]"), 0.02),
-        ("roll-zero", ("roll_zero.rolls=4", "roll_zero.length_mm=12", "roll_zero.torsion=null"), 0.1),
+        ("roll-zero", ("roll_zero.rolls=5", "roll_zero.length_mm=12", "roll_zero.torsion=null"), 0.1),
         ("insertion", ("target.position_mm=[0,2,20]", "obstacles=[]", "insertion.max_length_mm=30"), 0.1),
     ],
 )

@@ -22,7 +22,7 @@ from labrig.runner.replay import Replay, replay_run
 from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench, record_run, sweep
 
 KEPT = Path(__file__).parents[1] / "records"
-ROLLS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")
+ROLLS = ("roll_zero.rolls=5", "roll_zero.length_mm=12")
 
 
 def replay(run: Run) -> Replay:

@@ -20,7 +20,7 @@ from labrig.report.pictures import PLATE, Pixel, photograph, pixel, polyline
 from labrig.vision import lens_judgement
 from labrig.vision.calibrate_plane import LARGEST_OFF_MM
 from labrig.vision.calibration_file import load_intrinsics, load_plane
-from labrig.vision.plane import PICTURE_AXES, PlaneMap
+from labrig.vision.plane import PlaneMap
 
 FloatArray = NDArray[np.float64]
 
@@ -58,11 +58,11 @@ def make_page(
 
 
 def _find_needle_px(plane: PlaneMap) -> FloatArray:
-    """Return the line (2, 2) from the origin straight ahead to the edge of the picture."""
+    """Return the line (2, 2) from the origin along z to the edge of the picture."""
     size = np.array(plane.image_size)
-    ahead = np.array(PICTURE_AXES[plane.insertion][1])
-    start = np.array(plane.origin_px)
-    return np.array((start, np.clip(start + ahead * size, 0.0, size - 1.0)))
+    ahead_px = plane.to_px(np.linspace((0.0, 0.0), (0.0, plane.mm_per_px * math.hypot(*size)), 500))
+    inside = ((ahead_px >= 0.0) & (ahead_px < size)).all(axis=1)
+    return ahead_px[[0, np.flatnonzero(inside).max(initial=0)]]
 
 
 def _find_length_mm(plane: PlaneMap, ends_px: FloatArray) -> tuple[float, float, Mapping[str, float]]:

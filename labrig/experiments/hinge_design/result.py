@@ -120,7 +120,7 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
         )
     if (measured := study.measured) is not None:
         yield (
-            f"Measured: a radius of {number(measured.radius_mm, 2)} mm, which is a rotation of "
+            f"The radius that the protocol gives as measured, {measured.radius_mm:g} mm, is a rotation of "
             f"{number(measured.beta_rot_deg, 2)} degrees. Cut at {number(measured.beta_cut_deg, 2)} degrees, that "
             f"takes an effective clearance of {number(measured.clearance_mm, 4)} mm by equation (3), "
             f"{number(measured.search_clearance_mm, 4)} mm by our contour."
@@ -135,7 +135,7 @@ def _tell_range(study: DesignStudy, plane: RotationPlane, radius: RadiusToleranc
     """Return the worst cases of the radius, and what they allow for."""
     high_mm, laser = "more" if radius.high_mm is None else number(radius.high_mm, 2), study.tolerances
     return (
-        f"The radius will be {number(radius.low_mm, 2)} to {high_mm} mm, if the laser keeps the clearance to ± "
+        f"A radius of {number(radius.low_mm, 2)} to {high_mm} mm is expected, if the laser keeps the clearance to ± "
         f"{laser.clearance_mm:g} mm and the inclination to ± {laser.cut_deg:g} degrees, and the hinges turn as "
         f"{study.basis} says to ± {number(FIT_SD * plane.rmse_deg, 2)} degrees, twice the rms residual of its fit."
     )

@@ -72,9 +72,9 @@ def test_the_analysis_finds_the_same_lag_and_shows_it(measured: tuple[RollZero, 
 
 
 def test_too_few_rolls_for_the_torsion_are_refused() -> None:
-    """With four rolls, or five, a lag would shift the roll zero; the message names the key."""
+    """With five rolls a lag would shift the roll zero; the message names the key."""
     with pytest.raises(FileFormatError, match=r"roll_zero\.rolls") as refused:
-        roll_zero("roll_zero.rolls=4")
+        roll_zero("roll_zero.rolls=5")
     assert "torsion: null" in refused.value.problems[0].hint
 
 

@@ -77,8 +77,7 @@ def test_one_that_was_interrupted_goes_on_to_the_same_table(tmp_path: Path) -> N
 
 def test_a_rule_ends_it_at_the_same_task_however_often_it_was_interrupted(tmp_path: Path) -> None:
     """And once it has ended, it computes no more."""
-    rule = {"ci95_width_mm": 0.6, "at_most": 500}
-    loaded = load(write_campaign(tmp_path, **ARMS, stop_when=rule))
+    loaded = load(write_campaign(tmp_path, **ARMS, stop_when={"ci95_width_mm": 0.6, "at_most": 500}))
     _, count, by_rule = conduct(loaded, tmp_path / "whole", by_seed)
     assert by_rule
     assert 60 < count < 1000

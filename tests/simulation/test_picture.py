@@ -179,8 +179,7 @@ def test_an_obstacle_out_of_the_plane_is_seen_aside_and_smaller() -> None:
     middle = (changed.max(axis=0) + changed.min(axis=0)) / 2
     expected = project_by_opencv(np.array([(12.0, -20.0, 90.0)]), worlds[0].description.lens)[0]
     assert middle[::-1] == pytest.approx(expected, abs=1.0)
-    height_px = float(np.ptp(changed[:, 0]))
-    assert height_px == pytest.approx(12.0 * 1802.0 / (185.0 + 12.0), rel=0.03)
+    assert float(np.ptp(changed[:, 0])) == pytest.approx(12.0 * 1802.0 / (185.0 + 12.0), rel=0.03)
     row, column = middle.astype(int)
     assert 0.5 < cast[row, column] / bare[row, column] < 0.9
 

@@ -84,8 +84,7 @@ def test_expecting_cavities_costs_little_where_there_are_none(planar):
         insertion, belief = insert(seed, planar), start_belief(np.eye(4), chosen)
         for truth, observation in zip(insertion.truth[1:], insertion.observations, strict=True):
             belief = step_belief(belief, observation, chosen)
-            off = belief.tip.rotation[:, 2] - truth[:3, 2]
-            errors[every_mm].append(float(np.linalg.norm(off)))
+            errors[every_mm].append(float(np.linalg.norm(belief.tip.rotation[:, 2] - truth[:3, 2])))
     assert np.mean(errors[50.0]) < 1.25 * np.mean(errors[None])
 
 

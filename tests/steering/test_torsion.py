@@ -91,8 +91,7 @@ def test_the_spread_foretells_what_an_error_of_the_lag_does(arcs_mm, error_rad, 
 def test_no_other_directions_leave_less(arcs_mm, lag):
     """The error of the lag displaces the end no more than turns back and forth, or all the same way, would let it."""
     turns = len(arcs_mm) - 1
-    room = BaseLimits(-math.pi * turns - 1.0, math.pi * turns + 1.0)
-    _, path, _ = steer(arcs_mm, lag, lag, room)
+    _, path, _ = steer(arcs_mm, lag, lag, BaseLimits(-math.pi * turns - 1.0, math.pi * turns + 1.0))
     others = ([1 if number % 2 == 0 else -1 for number in range(turns)], [1] * turns)
     least_mm = min(left_by(arcs_mm, directions, lag) for directions in others)
     assert find_lag_sd_mm(path, lag) <= least_mm + 0.02 * turns

@@ -134,7 +134,7 @@ class OutOfPlane(Model):
     """Random lean of the tip out of the plane after a millimetre; null: as much as in the plane
     (estimator.process_sd_deg_per_root_mm), since gel knows no plane [deg / mm^0.5]."""
     start_sd_mm: NonNegativeMm = 0.1
-    """Standard deviation of the start's place out of the plane [mm]."""
+    """Standard deviation of the start's place out of the plane, with the sheath's play, which no picture shows [mm]."""
     start_sd_deg: float = Field(0.2, ge=0, le=20)
     """Standard deviation of the angle between the sheath and the plane [deg]."""
     lag_sd_deg: float = Field(1.0, ge=0, le=90)

@@ -117,8 +117,7 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(
         left = list_left(wide, past)
         past += [begin(trial, finished=number < cut) for number, trial in enumerate(left[: cut + 1])]
         used += [trial.what for trial in left[: cut + 1]]
-    finished = [trial for trial in past if trial.exit_status == "success"]
-    assert len(finished) == len(list_planned(wide))
+    assert len([trial for trial in past if trial.exit_status == "success"]) == len(list_planned(wide))
     for kept in (
         {trial.start.trial for trial in past},
         {(hole.specimen.name, hole.position_mm) for hole in used},

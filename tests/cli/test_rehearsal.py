@@ -132,7 +132,7 @@ def test_a_steered_insertion_is_rehearsed_to_its_report(labrig: Labrig, rig: Pat
     )
     took_s = time.monotonic() - started_s
     assert done.exit_code == 0, done.shown
-    assert asked == ["Mount", "Confirm", "Place", *4 * ["Shift"], "Place", "Look"]
+    assert asked == ["Mount", "Confirm", "Place", *5 * ["Shift"], "Place", "Look"]
     run = tmp_path / "r"
     assert labrig("runs", "check", run).exit_code == 0
     frames = [json.loads(line) for line in (run / "frames.jsonl").read_text().splitlines()]

@@ -36,8 +36,9 @@ def view(run_path: RunArgument) -> int:
     damage = report_damage(run.damage)
     print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})
     print_line(str(path))
-    if not SPEAKS_JSON.get() and has_display(os.environ):
-        open_view(path)
-    elif not SPEAKS_JSON.get():
-        say(f"there is no display here: copy it to a computer that has one, and open it by rerun {path.name}")
+    if not SPEAKS_JSON.get():
+        if has_display(os.environ):
+            open_view(path)
+        else:
+            say(f"there is no display here: copy it to a computer with one, and open it by rerun {path.name}")
     return RecordError.exit_code if damage else 0

@@ -174,7 +174,8 @@ def test_points_fill_each_range_evenly(method: str) -> None:
     sample = {"method": method, "n": 32, "keys": {"a.b": (2.0, 4.0), "c.d": (-1.0, 1.0)}}
 
     def draw(seed: int) -> list[dict[str, object]]:
-        return [campaign(sample=sample, seed=seed).find_drawn(number) for number in range(32)]
+        tried = campaign(sample=sample, seed=seed)
+        return [tried.find_drawn(number) for number in range(32)]
 
     for key, low, width in (("a.b", 2.0, 2.0), ("c.d", -1.0, 2.0)):
         units = (np.array([float(str(point[key])) for point in draw(5)]) - low) / width

@@ -39,7 +39,7 @@ def test_provenance_names_code_packages_and_computer() -> None:
 def test_the_digest_is_that_of_a_listing_by_sha256sum(tmp_path: Path) -> None:
     """Anybody can compute it again; what is no code does not count, wherever it stands."""
     code = {"a.py": b"1", "b/page.html.jinja": b"2", "b.py": b"3"}
-    for name in (*code, *("b/.cache/a.py", "examples/x.svg", "manual/example/y.py", "read.md")):
+    for name in (*code, "b/.cache/a.py", "examples/x.svg", "manual/example/y.py", "read.md"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(code.get(name, b"4"))
     listing = "".join(f"{hashlib.sha256(code[name]).hexdigest()}  {name}\n" for name in sorted(code))

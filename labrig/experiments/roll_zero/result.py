@@ -40,7 +40,8 @@ class TorsionResult(Model):
 class RollZeroResult(Result):
     """The result of a roll zero run: the deflection at each roll, and the fitted cosine; None if the fit was refused.
 
-    `offset_mm` is the sheath's lateral offset, the constant of that fit. `torsion` is None if it was not measured.
+    `deflections_mm` are without the perspective. `offset_mm` is the sheath's lateral offset, the constant of
+    that fit. `torsion` is None if it was not measured.
     """
 
     kind: Literal["roll-zero"] = "roll-zero"

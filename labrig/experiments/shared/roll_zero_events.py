@@ -28,7 +28,7 @@ class RollZeroSheath(SheathEvent):
 
 
 class RollZeroFound(Event):
-    """The lateral deflection at each roll, and the fitted cosine."""
+    """The lateral deflection at each roll, without the perspective, and the fitted cosine."""
 
     kind: ClassVar[str] = "roll_zero"
 

@@ -1,6 +1,7 @@
 """Find the roll zero of a needle as it is clamped, from short insertions at rolls spread over a turn.
 
 Deflections are measured from the sheath, found in each hole before the needle leaves it: its play does not count.
+The shift by which a tip out of the plane is seen is taken out.
 If the torsion is measured too, the rolls are turned to from either side in turns: a lag of the bevel then widens the
 residuals and does not shift the zero.
 """

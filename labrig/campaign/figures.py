@@ -33,7 +33,7 @@ MOST_ARMS = 40
 _BINS, _LEAST_IN_BIN = 12, 5
 _SHARES = LinearSegmentedColormap.from_list("shares", ("#ffffff", "#56b4e9"))
 _SIGNS = {"missed": "x", BROKEN_OFF: "^", WITHOUT_VALUE: "s"}
-_SIGN: dict[str, Any] = {"color": "#b02a00", "mfc": "white", "ms": 8, "mew": 1.8, "clip_on": False, "ls": ""}
+_SIGN: dict[str, Any] = {"color": "#b02a00", "mfc": "white", "ms": 6, "mew": 1.4, "clip_on": False, "ls": ""}
 _SMALL = {**_SIGN, "mfc": "none", "ms": 4.5, "mew": 1.1, "alpha": 0.6}
 _APART = 0.22
 """Of rows: the values stand below the mean, and the number within the tolerance above its share."""
@@ -101,7 +101,7 @@ def _draw_arm(axes: Sequence[Axes], place: int, arm: ArmResult, values: Sequence
 def _draw_interval(axes: Axes, place: int, look: Mark, value: float, limits: Interval | None) -> None:
     if limits is not None:
         draw_interval(axes, limits, place, look.colour)
-    axes.plot(value, place, look.marker, color=look.colour, markersize=7, clip_on=False, in_layout=False)
+    axes.plot(value, place, look.marker, color=look.colour, markersize=5, clip_on=False, in_layout=False)
 
 
 def draw_over_points(
@@ -172,7 +172,7 @@ def draw_map(
     reached = values <= (result.tolerance or 0.0)
     fields = int(np.clip(np.sqrt(len(x) / _LEAST_IN_BIN), 1, 2 * _BINS))
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 4.6), layout="constrained")
+        figure = Figure(figsize=(9.6, 5.0), layout="constrained")
         axes = figure.subplots()
         counts, x_edges, y_edges = np.histogram2d(x, y, fields, [*ranges.values()])
         hits, _, _ = np.histogram2d(x, y, (x_edges, y_edges), weights=reached.astype(np.float64))
@@ -192,8 +192,8 @@ def draw_map(
         along, upwards = map(label_key, ranges)
         axes.set(xlabel=along, ylabel=upwards)
         sizes = " to ".join(map("{:.0f}".format, sorted({counts[counts > 0].min(), counts.max()})))
-        label = f"share within {tell_value(result.tolerance, result.measure)}\nof {sizes} in each rectangle"
-        figure.colorbar(mesh, ax=axes, label=label, format="{x:.0%}")
+        label = f"share within {tell_value(result.tolerance, result.measure)}, of {sizes} in each rectangle"
+        figure.colorbar(mesh, ax=axes, label=label, format="{x:.0%}", location="bottom", aspect=40)
         return svg(figure, name)
 
 

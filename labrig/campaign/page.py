@@ -1,15 +1,18 @@
 """The page of a campaign, its result as a document, and its figures, in the campaign's folder."""
 
 import math
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from labrig.campaign.figures import draw_arms, draw_map, draw_over_points
 from labrig.campaign.result import CampaignResult
-from labrig.campaign.statistics import find_failing, find_missed
+from labrig.campaign.statistics import bound_share, find_failing, find_missed, read_values
 from labrig.campaign.tasks import LoadedCampaign
 from labrig.durable import write_atomically
 from labrig.record.difference import find_differences
@@ -47,6 +50,7 @@ def write_page(
     ranges = loaded.file.ranges
     circles = loaded.arms[0].protocol.find_map_circles(*ranges) if len(ranges) == 2 else ()
     sound = table[table["error"].isna()]
+    beyond = ~(read_values(sound, result.measure) <= (result.tolerance or 0.0))
     maps = [
         (arm.name, draw_map(result, rows, ranges, circles, f"map-{place}"))
         for place, arm in enumerate(result.arms, start=1)
@@ -55,6 +59,7 @@ def write_page(
     write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
     # What none of them exceeds by chance, with a probability of 95 %.
     ranks, n = result.rank_correlations, sum(arm.n for arm in result.arms)
+    intervals = sorted(filter(None, (arm.ci95 for arm in result.arms)), key=np.ptp)
     chance = float(ndtri(1.0 - 0.025 / max(1, sum(map(len, ranks.values()))))) / math.sqrt(max(1, n - 1))
     clear = {of: [key for key, rank in each.items() if abs(rank) > chance] for of, each in ranks.items()}
     # The keys that the page speaks of are its first figure, in that order, unless that is a map or the arms.
@@ -72,7 +77,9 @@ def write_page(
     shown = {
         "content": result,
         "quantity": split_quantity(result.measure),
-        "decimals": count_decimals([a.ci95 for a in result.arms], [a.mean for a in result.arms], 6),
+        # The narrowest mean of several arms would print all of them too finely.
+        "decimals": count_decimals(intervals[-1:], [arm.mean for arm in result.arms], 6),
+        "bound_share": bound_share,
         "chance": chance,
         "clear": clear,
         "rows": table.set_index("task"),
@@ -80,6 +87,7 @@ def write_page(
         "granted": granted,
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
         "circles": circles,
+        "gathered": _gather_beyond(sound.loc[beyond, [*ranges]].to_numpy(np.float64), circles),
         "loaded": loaded,
         # The settings of more arms do not fit beside one another.
         "differing": [*find_differences(*(arm.describe() for arm in loaded.arms[:5]))],
@@ -94,3 +102,16 @@ def write_page(
     page, template = folder / REPORT_FILE, Path(__file__).with_name("page.html.jinja")
     write_document(page, template, shown, {"words": name_settings, "with_key_unit": tell_value})
     return page
+
+
+def _gather_beyond(
+    points_mm: NDArray[np.float64], circles: Sequence[tuple[float, float, float]]
+) -> tuple[tuple[float, float, float], int, float] | None:
+    """Return the obstacle that most points (N, 2) lie nearest to, how many do, and how far from its edge at most."""
+    if not len(points_mm) or not circles:
+        return None
+    places = np.array(circles)
+    edges_mm = np.linalg.norm(points_mm[:, None] - places[:, :2], axis=2) - places[:, 2]
+    nearest = edges_mm.argmin(axis=1)
+    most = int(np.bincount(nearest).argmax())
+    return circles[most], int((nearest == most).sum()), float(edges_mm[nearest == most, most].max())

@@ -6,6 +6,7 @@ from typing import Literal
 import pandas as pd
 
 from labrig.campaign.statistics import (
+    BROKEN_OFF,
     ArmResult,
     PairResult,
     compare_arms,
@@ -106,13 +107,17 @@ def make_result(
 
 
 def _find_worst(loaded: LoadedCampaign, table: pd.DataFrame) -> tuple[WorstCase, ...]:
-    """Return the tasks that were wrongly called a success, then others that failed, then others; the largest first."""
+    """Return the tasks that were wrongly called a success, then others that failed, then others; the largest first.
+
+    Those that were broken off come after what came to its end.
+    """
     measure, sound = loaded.by.quantity, table[table["error"].isna()]
     if measure not in table.columns:
         return ()
     ends = name_ends(sound)
-    rated = sound.assign(end=ends, bad=2 * find_false_successes(sound, loaded.by) + (ends != "success"))
-    ordered = rated.sort_values(["bad", measure, "task"], ascending=[False, False, True])
+    bad = 2 * find_false_successes(sound, loaded.by) + (ends != "success")
+    rated = sound.assign(end=ends, bad=bad, off=ends == BROKEN_OFF)
+    ordered = rated.sort_values(["bad", "off", measure, "task"], ascending=[False, True, False, True])
     return tuple(
         WorstCase(
             task=row["task"],

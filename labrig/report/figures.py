@@ -87,7 +87,7 @@ def svg(figure: Figure, name: str) -> DrawnFigure:
     columns = max((place.get_gridspec().ncols for place in panels.values()), default=1)
     tall_in = height_in * columns
     if any(axes.get_aspect() != "auto" for axes in panels):
-        tall_in *= min(1.0, columns * _NARROW_IN / width_in)
+        tall_in *= min(1.0, 0.15 + columns * _NARROW_IN / width_in)  # axes shrink, their labels do not
     figure.set_size_inches(_NARROW_IN, tall_in)
     column = figure.add_gridspec(len(panels), 1)
     # Beside one another panels may share the names of their rows, and below one another each needs them.

@@ -226,8 +226,9 @@ def _describe(
     elif isinstance(error, TargetMissedError) and error.reason == "no_roll_zero":
         problems.append(Problem("roll_zero", error.message, error.hint))
     elif isinstance(error, MeasurementRefusedError):
-        told = f"rehearsed, it ends early: {error.message}"
-        dialogue.warnings.append(Problem("protocol", told, error.hint))
+        dialogue.warnings.append(
+            Problem("protocol", f"rehearsed, it ends early: {error.message}", error.hint)
+        )
     assumed = any(question.request in _ANSWERED for question in questions) and rig.world is None
     # A dry run says for sure what nothing that is drawn decides.
     sure = isinstance(error, TargetMissedError) and error.reason in {"no_path", "no_marker"} and not assumed

@@ -510,3 +510,10 @@ def test_a_needle_of_a_run_that_cannot_be_continued_has_a_way_out(labrig: Labrig
         way_out = f"labrig devices withdraw --rig FILE --run '{recorder.path}'"
         assert (way_out in done.err) is (kind == "real")
         recorder.close("aborted", "", ENDED)
+
+
+def test_a_target_without_a_path_is_told_before_anything_moves(labrig: Labrig, tmp_path: Path) -> None:
+    """Who sees it can say no at the first question, before holes are made for the roll zero."""
+    away = ("--set", "target.position_mm=[0,-9,7]", "--runs-dir", tmp_path)
+    said = labrig("run", *of_protocol("insertion"), *away).err.splitlines()
+    assert said[0].startswith("in a rehearsal 1 of 1 insertion failed; no path: the needle cannot be steered")

@@ -16,13 +16,11 @@ from labrig.vision.plane import PlaneMap
 
 def find_problems(protocol: InsertionProtocol, session: Session) -> Iterator[Problem]:
     """Yield what an insertion lacks on this rig: travel, what nobody measured, a hole that is clear."""
-    rig, known = session.description, session.state.roll_zero
+    rig, known, advance = session.description, session.state.roll_zero, protocol.insertion
     try:
-        rig.axes.insertion.check_move(
-            "insertion", protocol.insertion.max_length_mm, protocol.insertion.speed_mm_s
-        )
+        rig.axes.insertion.check_move("insertion", advance.max_length_mm, advance.speed_mm_s)
     except LimitError as error:
-        yield Problem("insertion.max_length_mm", error.message, error.hint)
+        yield Problem("rig axes.insertion", error.message, error.hint)
     yield from _find_unmeasured(protocol, rig, known)
     specimen, diameter_mm = protocol.specimen, protocol.sheath.diameter_mm
     yield from find_near_holes("specimen", specimen, [specimen.first_hole_mm], diameter_mm, specimen.width_mm)
@@ -65,8 +63,6 @@ def _find_unmeasured(
 
 def _knows_torsion(protocol: InsertionProtocol, certified: RollZero | None) -> bool:
     """Return whether the lag of the bevel is measured before the insertion, and compensated."""
-    if protocol.policy.turning != "compensated":
-        return False
-    if certified is not None and certified.needle_id == protocol.needle.needle_id:
-        return certified.torsion is not None
-    return protocol.roll_zero is not None and protocol.roll_zero.torsion is not None
+    known = certified is not None and certified.needle_id == protocol.needle.needle_id
+    finder = certified if known else protocol.roll_zero
+    return protocol.policy.turning == "compensated" and finder is not None and finder.torsion is not None

@@ -270,7 +270,7 @@ class Insertion:
         self._record_plan(state, None)
         self.find_markers()
         if command.stop is not None:
-            told = f"no path for the needle: {command.detail}"
+            told = f"the needle cannot be steered there: {command.detail}"
             raise TargetMissedError(told, state.refusal.hint if state.refusal else "", reason="no_path")
         self._warn(state)
         return state, command

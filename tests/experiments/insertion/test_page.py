@@ -112,7 +112,7 @@ def test_without_a_path_the_page_says_what_to_do() -> None:
     run = record_insertion("target.position_mm=[0,20,10]")
     result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     page = write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
-    told = r"No path for the needle: the target lies \d+\.\d\u00a0mm inside the turning"
+    told = r"The needle cannot be steered there: the target lies \d+\.\d\u00a0mm inside the turning"
     assert re.search(told, page)
     assert re.search(r"Move the target by <b>\d+\.\d\u00a0mm</b> or more", page)
     assert "there is no path:" not in page

@@ -50,7 +50,8 @@ def write_page(
     ranges = loaded.file.ranges
     circles = loaded.arms[0].protocol.find_map_circles(*ranges) if len(ranges) == 2 else ()
     sound = table[table["error"].isna()]
-    beyond = ~(read_values(sound, result.measure) <= (result.tolerance or 0.0))
+    known = sound.assign(value=read_values(sound, result.measure))
+    missed = known[~(known["value"] <= (result.tolerance or 0.0))]
     maps = [
         (arm.name, draw_map(result, rows, ranges, circles, f"map-{place}"))
         for place, arm in enumerate(result.arms, start=1)
@@ -80,6 +81,7 @@ def write_page(
         # The narrowest mean of several arms would print all of them too finely.
         "decimals": count_decimals(intervals[-1:], [arm.mean for arm in result.arms], 6),
         "bound_share": bound_share,
+        "known": known,
         "chance": chance,
         "clear": clear,
         "rows": table.set_index("task"),
@@ -87,7 +89,7 @@ def write_page(
         "granted": granted,
         "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
         "circles": circles,
-        "gathered": _gather_beyond(sound.loc[beyond, [*ranges]].to_numpy(np.float64), circles),
+        "gathered": _gather(missed[[*ranges]].to_numpy(float), circles) if circles and len(missed) else None,
         "loaded": loaded,
         # The settings of more arms do not fit beside one another.
         "differing": [*find_differences(*(arm.describe() for arm in loaded.arms[:5]))],
@@ -104,12 +106,10 @@ def write_page(
     return page
 
 
-def _gather_beyond(
+def _gather(
     points_mm: NDArray[np.float64], circles: Sequence[tuple[float, float, float]]
-) -> tuple[tuple[float, float, float], int, float] | None:
+) -> tuple[tuple[float, float, float], int, float]:
     """Return the obstacle that most points (N, 2) lie nearest to, how many do, and how far from its edge at most."""
-    if not len(points_mm) or not circles:
-        return None
     places = np.array(circles)
     edges_mm = np.linalg.norm(points_mm[:, None] - places[:, :2], axis=2) - places[:, 2]
     nearest = edges_mm.argmin(axis=1)

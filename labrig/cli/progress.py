@@ -61,16 +61,13 @@ def progress(title: str, total: float) -> Iterator[Reporter]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Column
 
+    one_line = Column(no_wrap=True, overflow="ellipsis", ratio=1)
     columns = (
         TextColumn("{task.percentage:>3.0f} %"),
         BarColumn(12),
         TimeElapsedColumn(),
         TextColumn("left {task.fields[left]}"),
-        TextColumn(
-            "{task.description}",
-            markup=False,
-            table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1),
-        ),
+        TextColumn("{task.description}", markup=False, table_column=one_line),
     )
     with Progress(*columns, console=_make_console(), expand=True) as bar:
         task, pace = bar.add_task(escape_controls(title), total=total, left=_UNKNOWN), _Pace(total)

@@ -15,6 +15,7 @@ from labrig.cli.output import print_json, print_line, print_problems, print_tabl
 from labrig.cli.several_runs import do_for_each_run, report_damage
 from labrig.errors import InputError, RecordError
 from labrig.lab import choose_runs_dir, find_lab_folder
+from labrig.library.names import SIMULATED_RIG
 from labrig.text import format_count
 
 
@@ -58,8 +59,10 @@ def _print_runs(listed: Sequence[Any]) -> None:
 def _tell_about(summary: Any) -> Iterator[str | None]:
     """Yield what tells a run from others: what its name leaves out, --set by the ends of keys, --seed, and notes."""
     protocol, seed = summary.sources.get("protocol") or summary.protocol or "", summary.sources.get("seed")
+    rig = Path(summary.sources.get("rig") or SIMULATED_RIG)
     yield summary.verdict
     yield None if summary.run.name.endswith(Path(protocol).stem) else Path(protocol).stem
+    yield None if rig == SIMULATED_RIG else rig.stem
     yield from (re.sub(r"^[\w.]*\.", "", setting) for setting in summary.sources.get("settings", ()))
     yield None if seed is None else f"seed={seed}"
     yield from summary.tags

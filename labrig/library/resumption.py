@@ -61,7 +61,7 @@ def resume_run(
             f"labrig devices withdraw continues it; labrig resume {path.parent / run.withdraws} continues that run",
         )
     if run.manifest.get("exit_status") == "success":
-        attendant.say(f"{path} has come to its end; it is measured again")
+        attendant.say(f"{path} has come to its end; it is measured again, and that result counts")
         done = FinishedRun(path, Outcome("success", "", None))
         return finish(done, find_run_experiment(run), command_line, attendant)
     experiment = find_run_experiment(run)

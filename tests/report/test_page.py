@@ -113,7 +113,7 @@ def test_what_people_wrote_is_text(tmp_path: Path) -> None:
         ("How sure", r"surface refraction at the gel's surface, and at glass before it not known not known"),
         ("How sure", f"fit scatter of the edges about the fit; of a tip, {READING}"),
         ("Provenance", r"recorded with labrig .* measured with labrig .* analysis/001.* scale at the sheath's tip"),
-        ("In full", r"window_start_mm 4 .* SHA-256 of what was used .* Devices "),
+        ("In full", r"window_start_mm 4 .* SHA-256 of what the record holds .* Devices "),
         ("In full", r"exposure_s 0\.01"),
         ("In full", r"drive\.hardware_version 0x6220 .*drive\.software_version 0x2110"),
     ],

@@ -116,7 +116,7 @@ def _obtain_roll_zero(protocol: InsertionProtocol, session: Session, sight: Sigh
     if protocol.roll_zero is None:
         raise TargetMissedError(
             f"needle {needle.needle_id} has no certified roll zero as it is clamped now",
-            "labrig run protocols/roll-zero.yaml finds it; or say how under roll_zero: in the protocol",
+            "say how under roll_zero:; or, for a rig that keeps it, labrig run protocols/roll-zero.yaml finds it",
             reason="no_roll_zero",
         )
     found = find_roll_zero(protocol, protocol.roll_zero, session, sight)

@@ -103,7 +103,7 @@ def _draw_figure(result: RollZeroResult, residuals_mm: list[float], name: str) -
             below.plot(rolls_deg[::2], left_mm[::2], "o", color=mark(0).colour, ms=4, fillstyle="none")
             below.plot(rolls_deg[1], left_mm[1], "o", color=mark(0).colour, markersize=4)
         axes.plot(rolls_deg[::2], seen_mm[::2], "o", color=mark(0).colour, fillstyle="none")
-        axes.plot(rolls_deg[1], seen_mm[1], "o", color=mark(0).colour, label="tip, as measured")
+        axes.plot(rolls_deg[1], seen_mm[1], "o", color=mark(0).colour, label="tip, without the shift")
         axes.set(ylabel="tip deflection, y (mm)")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
         below.axhline(0.0, color=DESIGN, linewidth=0.8)

@@ -82,7 +82,13 @@ def _insert(protocol: SteerabilityProtocol, trial: TrialRun[Hole], session: Sess
     """Sheath in, needle in with a picture every few mm, final picture, needle out along its path, sheath out."""
     insertion, sheath, hole, number = protocol.insertion, protocol.sheath, trial.what, trial.number
     specimen = hole.specimen
-    session.tell(f"{specimen.name}, {describe_place(protocol, trial.number, hole, trial.repeats)}")
+
+    def advance() -> None:
+        inserted_mm = session.take_picture(NeedleRole.ADVANCE, number).positions.insertion_mm
+        session.tell(f"{place}, inserted {inserted_mm:.0f} mm")
+
+    place = f"{specimen.name}, {describe_place(protocol, trial.number, hole, trial.repeats)}"
+    session.tell(place)
     session.ask(ShiftToHole(specimen.name, hole.number, hole.position_mm))
     session.record(
         SpecimenTrialStart(
@@ -98,13 +104,8 @@ def _insert(protocol: SteerabilityProtocol, trial: TrialRun[Hole], session: Sess
     session.take_picture(NeedleRole.HOLE, number)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
     session.take_picture(NeedleRole.SHEATH, number)
-    session.move(
-        "insertion",
-        insertion.length_mm,
-        insertion.speed_mm_s,
-        passing=insertion.list_stops_mm(),
-        then=partial(session.take_picture, NeedleRole.ADVANCE, number),
-    )
+    stops_mm = insertion.list_stops_mm()
+    session.move("insertion", insertion.length_mm, insertion.speed_mm_s, passing=stops_mm, then=advance)
     final = session.take_picture(NeedleRole.FINAL, number)
     session.record_truth(number)
     session.tell(f"{specimen.name}, withdrawing")

@@ -35,12 +35,14 @@ from tests.report.conftest import HOSTILE
 NOW = datetime(2026, 11, 23, tzinfo=UTC)
 INFINITE = float("inf")
 PLACE = "target.position_mm"
+OVER_TARGETS = {
+    "sample": {"method": "sobol", "n": 16, "keys": {f"{PLACE}.2": [80, 105], f"{PLACE}.1": [-4, 8]}}
+}
 
 
 def found(loaded: LoadedCampaign, law: Law) -> tuple[CampaignResult, pd.DataFrame]:
     """Return the result and the table of a campaign whose tasks follow a law."""
-    outcomes = computing(law)(loaded.list_tasks())
-    table = make_table(list(map(make_row, loaded.list_tasks(), outcomes)))
+    table = make_table(list(map(make_row, loaded.list_tasks(), computing(law)(loaded.list_tasks()))))
     return make_result(loaded, table, file=Path("table.parquet")), table
 
 
@@ -69,7 +71,7 @@ def test_the_page_shows_arms_differences_errors_and_a_map(tmp_path: Path) -> Non
     keys = {
         "title": HOSTILE,
         "arms": {HOSTILE[:60]: {"policy.replan_every_mm": 5}, "b": {}},
-        "sample": {"method": "sobol", "n": 16, "keys": {f"{PLACE}.2": [80, 105], f"{PLACE}.1": [-4, 8]}},
+        **OVER_TARGETS,
     }
     loaded = load(write_campaign(tmp_path, **keys))
     failing = loaded.find_task(3).seed
@@ -107,6 +109,7 @@ def worse_at_20(task: Task) -> float:
         ),
         ({**ARMS, "repetitions": 9}, spread, "cannot tell replanning every 10 mm or every 20 mm from every 5 mm"),
         (ARMS, worse_at_20, "No difference from replan every 5 mm has an interval"),
+        (OVER_TARGETS, lambda _: 3.0, "All of the other 16 targets lie within 29 mm of the edge of the obstacle at z"),
         ({"repetitions": 9}, spread, "The mean true error at the target is 1."),
         ({}, lambda _: 1.25, "One task has a value of the true error at the target: 1.25 mm. That tells no spread."),
         ({"sample": {"method": "latin-hypercube", "n": 40, "keys": {"planner.radius_mm": [24, 31]}}},

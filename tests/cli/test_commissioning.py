@@ -112,8 +112,7 @@ def test_an_axis_is_homed_and_jogged(labrig: Labrig, at_bench: BenchAt) -> None:
     assert at_bench.state()["referenced"] == ["linear"]
     at_bench.types("yes")
     before = at_bench.rig.read_bytes()
-    words = "devices jog --axis linear --distance 2 --speed 5 --rig"
-    done = labrig(*words.split(), at_bench.rig)
+    done = labrig("devices", "jog", "--axis", "linear", "--distance", 2, "--speed", 5, "--rig", at_bench.rig)
     assert (done.exit_code, done.out[:24]) == (0, "PASS  linear jog: 2 mm a")
     assert at_bench.rig.read_bytes() == before
     assert abs(at_bench.shaft_mm(3) - 2) < 0.02

@@ -252,8 +252,7 @@ def _sent(can_id: int, data: str) -> Callable[[Cell], None]:
 
 def _change_target(cell: Cell) -> None:
     """Change the target inside the drive; an axis that moves goes there."""
-    start = _START if cell.drive.is_moving else ()
-    cell.put("insertion", (co.TARGET_POSITION, 240_000), *start)
+    cell.put("insertion", (co.TARGET_POSITION, 240_000), *(_START if cell.drive.is_moving else ()))
 
 
 def _creep(cell: Cell) -> None:

@@ -71,8 +71,7 @@ def test_too_few_sightings_tell_nothing() -> None:
 @pytest.mark.parametrize(("scale", "verdict"), [(0.1, "too small"), (1.0, "as expected"), (3.0, "too large")])
 def test_a_mean_nis_is_judged_both_ways(scale: float, verdict: str) -> None:
     """The NIS of fitting settings passes; a tenth of it and thrice it are alarms."""
-    nis = scale * np.random.default_rng(4).chisquare(2, 100)
-    judged = measure_noise([], nis.tolist(), STATED)
+    judged = measure_noise([], (scale * np.random.default_rng(4).chisquare(2, 100)).tolist(), STATED)
     assert judged.verdict == verdict
     assert judged.usual_nis[0] < 2.0 < judged.usual_nis[1]
 

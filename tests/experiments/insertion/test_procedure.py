@@ -371,8 +371,7 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
     asks = AsksInTissue("in_tissue")
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, FROM_THE_BEGINNING)
     with bench(tmp_path, protocol, EVEN) as opened:
-        rig = opened.opened.rig
-        session = Session(rig, opened.recorder, Told(), Dialogue(asks))
+        session = Session(opened.opened.rig, opened.recorder, Told(), Dialogue(asks))
         outcome = conduct(find_experiment("insertion"), protocol, session)
     run = open_run(opened.recorder.path)
     assert outcome.exit_status == "success"

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,6 +28,8 @@ from labrig.steering.parameters import SECTIONS
 from labrig.text import split_quantity, tell_value
 
 RESULT_FILE = "result.json"
+Circle = tuple[float, float, float]
+"""Centre and radius of an obstacle, in the units of a map's axes."""
 _GRANTED = pd.read_csv(Path(__file__).with_name("granted.csv"), keep_default_na=False).to_numpy().tolist()
 """Key of a simulated world, key of the protocol that says what an insertion reckons with, and why it matters."""
 _LENS = "rig.world.lens.distance_mm"
@@ -49,18 +52,16 @@ def write_page(
     """
     ranges = loaded.file.ranges
     circles = loaded.arms[0].protocol.find_map_circles(*ranges) if len(ranges) == 2 else ()
-    sound = table[table["error"].isna()]
-    known = sound.assign(value=read_values(sound, result.measure))
-    missed = known[~(known["value"] <= (result.tolerance or 0.0))]
+    shown = _tell(loaded, result, table, circles)
+    known = shown["known"]
     maps = [
         (arm.name, draw_map(result, rows, ranges, circles, f"map-{place}"))
         for place, arm in enumerate(result.arms, start=1)
-        if len(ranges) == 2 and result.tolerance is not None and len(rows := sound[sound["arm"] == arm.name])
+        if len(ranges) == 2 and result.tolerance is not None and len(rows := known[known["arm"] == arm.name])
     ]
     write_atomically(folder / RESULT_FILE, encode_document(result.model_dump(mode="json")))
     # What none of them exceeds by chance, with a probability of 95 %.
     ranks, n = result.rank_correlations, sum(arm.n for arm in result.arms)
-    intervals = sorted(filter(None, (arm.ci95 for arm in result.arms)), key=np.ptp)
     chance = float(ndtri(1.0 - 0.025 / max(1, sum(map(len, ranks.values()))))) / math.sqrt(max(1, n - 1))
     clear = {of: [key for key, rank in each.items() if abs(rank) > chance] for of, each in ranks.items()}
     # The keys that the page speaks of are its first figure, in that order, unless that is a map or the arms.
@@ -75,40 +76,39 @@ def write_page(
     points = draw_over_points(result, table, ordered[first:], granted, "over-points")
     for figure in filter(None, (arms := draw_arms(result, table), front, points, *dict(maps).values())):
         write_figure(folder, figure)
-    shown = {
+    shown |= {"chance": chance, "clear": clear, "granted": granted, "written": tell_writing(created)}
+    shown |= {"arms_figure": arms, "front_figure": front, "points_figure": points, "maps": maps}
+    page, template = folder / REPORT_FILE, Path(__file__).with_name("page.html.jinja")
+    write_document(page, template, shown, {"words": name_settings, "with_key_unit": tell_value})
+    return page
+
+
+def _tell(
+    loaded: LoadedCampaign, result: CampaignResult, table: pd.DataFrame, circles: Sequence[Circle]
+) -> dict[str, Any]:
+    """Return what the page tells that no figure shows; `known` are the tasks without an error, by their numbers."""
+    known = table[table["error"].isna()].set_index("task")
+    known = known.assign(value=read_values(known, result.measure), missed=find_missed(known))
+    points = known.loc[~(known["value"] <= (result.tolerance or 0.0)), [*loaded.file.ranges]].to_numpy(float)
+    intervals = sorted(filter(None, (arm.ci95 for arm in result.arms)), key=np.ptp)
+    return {
         "content": result,
         "quantity": split_quantity(result.measure),
         # The narrowest mean of several arms would print all of them too finely.
         "decimals": count_decimals(intervals[-1:], [arm.mean for arm in result.arms], 6),
         "bound_share": bound_share,
         "known": known,
-        "chance": chance,
-        "clear": clear,
-        "rows": table.set_index("task"),
-        "missed": find_missed(sound),
-        "granted": granted,
-        "failing": {of: sound[rows] for of, rows in find_failing(sound, result.measure).items()},
-        "circles": circles,
-        "gathered": _gather(missed[[*ranges]].to_numpy(float), circles) if circles and len(missed) else None,
+        "failing": {of: known[rows] for of, rows in find_failing(known, result.measure).items()},
+        "gathered": _gather(points, circles) if circles and len(points) else None,
         "loaded": loaded,
         # The settings of more arms do not fit beside one another.
         "differing": [*find_differences(*(arm.describe() for arm in loaded.arms[:5]))],
-        "arms_figure": arms,
-        "front_figure": front,
-        "points_figure": points,
         "sections": SECTIONS,
-        "maps": maps,
         "provenance": collect_provenance(()),
-        "written": tell_writing(created),
     }
-    page, template = folder / REPORT_FILE, Path(__file__).with_name("page.html.jinja")
-    write_document(page, template, shown, {"words": name_settings, "with_key_unit": tell_value})
-    return page
 
 
-def _gather(
-    points_mm: NDArray[np.float64], circles: Sequence[tuple[float, float, float]]
-) -> tuple[tuple[float, float, float], int, float]:
+def _gather(points_mm: NDArray[np.float64], circles: Sequence[Circle]) -> tuple[Circle, int, float]:
     """Return the obstacle that most points (N, 2) lie nearest to, how many do, and how far from its edge at most."""
     places = np.array(circles)
     edges_mm = np.linalg.norm(points_mm[:, None] - places[:, :2], axis=2) - places[:, 2]

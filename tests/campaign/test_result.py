@@ -114,7 +114,7 @@ def worse_at_20(task: Task) -> float:
         ({}, lambda _: 1.25, "One task has a value of the true error at the target: 1.25 mm. That tells no spread."),
         ({"sample": {"method": "latin-hypercube", "n": 40, "keys": {"planner.radius_mm": [24, 31]}}},
          lambda task: None if task.drawn["planner.radius_mm"] > 28.4 else spread(task),
-         "\">Being stopped before the needle went in goes with a larger planned radius."),
+         "\">Being stopped before the insertion to the target goes with a larger planned radius."),
         ({"sample": {"method": "sobol", "n": 16, "keys": {"rig.world.needle.backlash_mm": [0.5, 6]}}},
          spread, "Upright and green: what the insertion takes for granted."),
         (ARMS, lambda _: INFINITE, "No task has a value of the true error at the target."),

@@ -52,8 +52,8 @@ def write_page(
     """
     ranges = loaded.file.ranges
     circles = loaded.arms[0].protocol.find_map_circles(*ranges) if len(ranges) == 2 else ()
-    shown = _tell(loaded, result, table, circles)
-    known = shown["known"]
+    known = table[table["error"].isna()].set_index("task")
+    known = known.assign(value=read_values(known, result.measure), missed=find_missed(known))
     maps = [
         (arm.name, draw_map(result, rows, ranges, circles, f"map-{place}"))
         for place, arm in enumerate(result.arms, start=1)
@@ -76,6 +76,7 @@ def write_page(
     points = draw_over_points(result, table, ordered[first:], granted, "over-points")
     for figure in filter(None, (arms := draw_arms(result, table), front, points, *dict(maps).values())):
         write_figure(folder, figure)
+    shown = _tell(loaded, result, known, circles)
     shown |= {"chance": chance, "clear": clear, "granted": granted, "written": tell_writing(created)}
     shown |= {"arms_figure": arms, "front_figure": front, "points_figure": points, "maps": maps}
     page, template = folder / REPORT_FILE, Path(__file__).with_name("page.html.jinja")
@@ -84,11 +85,9 @@ def write_page(
 
 
 def _tell(
-    loaded: LoadedCampaign, result: CampaignResult, table: pd.DataFrame, circles: Sequence[Circle]
+    loaded: LoadedCampaign, result: CampaignResult, known: pd.DataFrame, circles: Sequence[Circle]
 ) -> dict[str, Any]:
     """Return what the page tells that no figure shows; `known` are the tasks without an error, by their numbers."""
-    known = table[table["error"].isna()].set_index("task")
-    known = known.assign(value=read_values(known, result.measure), missed=find_missed(known))
     points = known.loc[~(known["value"] <= (result.tolerance or 0.0)), [*loaded.file.ranges]].to_numpy(float)
     intervals = sorted(filter(None, (arm.ci95 for arm in result.arms)), key=np.ptp)
     return {
@@ -99,6 +98,7 @@ def _tell(
         "bound_share": bound_share,
         "known": known,
         "failing": {of: known[rows] for of, rows in find_failing(known, result.measure).items()},
+        "circles": circles,
         "gathered": _gather(points, circles) if circles and len(points) else None,
         "loaded": loaded,
         # The settings of more arms do not fit beside one another.

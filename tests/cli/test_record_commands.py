@@ -79,8 +79,8 @@ def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_pat
         recorder.event("trial_start", 0.0, trial=0)
         shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)
     place = tmp_path / "runs"
-    said = labrig("runs", "--runs-dir", place).err
-    assert ", the bench\n" in labrig("runs", "--runs-dir", place).out
+    listed = labrig("runs", "--runs-dir", place)
+    assert ", the bench\n" in listed.out
     withdraw = "labrig devices withdraw --rig 'the bench.yaml' --run"
     for words in (
         f"a sweep was interrupted; take out a needle that is still in tissue: {withdraw} '{place}/a sweep'\n",
@@ -88,7 +88,7 @@ def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_pat
         f"{withdraw} {place}/needle\n",
         f"labrig runs annotate {place}/other --verdict bad",
     ):
-        assert words in said
+        assert words in listed.err
     labrig("runs", "annotate", f"{place}/needle", "--verdict", "bad")
     with FileLock(place / "other" / ".lock").acquire("labrig run"):
         said = labrig("runs", "--runs-dir", place).err

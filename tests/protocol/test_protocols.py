@@ -56,8 +56,7 @@ def test_the_calibration_protocol_shows_the_gel_that_it_could_correct():
     """The example's comment is right YAML at its place, with the names of `labrig calibrate plane`'s options."""
     text = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")
     assert _paper(text).gel is None
-    gel = _paper(text.replace("# gel:", "gel:")).gel
-    assert gel == Gel(index=1.35, depth_mm=10, paper_at="needle")
+    assert _paper(text.replace("# gel:", "gel:")).gel == Gel(index=1.35, depth_mm=10, paper_at="needle")
 
 
 @pytest.mark.parametrize(

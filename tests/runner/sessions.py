@@ -100,8 +100,7 @@ class RunBench:
         if anew:
             self.recorder.begin_session(self.opened.rig.clock.utc(), devices=self.opened.rig.describe())
         past, protocol = read_past(run), load_run_protocol(run)
-        outcome = conduct(find_run_experiment(run), protocol, self.session, past)
-        return outcome, open_run(run.path)
+        return conduct(find_run_experiment(run), protocol, self.session, past), open_run(run.path)
 
 
 def begin_record(folder: Path, protocol: ExperimentProtocol, rig: Rig, **manifest: object) -> Recorder:

@@ -115,7 +115,8 @@ class AnyDay(RuleBasedStateMachine):
     @initialize()
     def begin(self) -> None:
         """Begin the run."""
-        self.folder = Path(tempfile.mkdtemp())
+        self.room = tempfile.TemporaryDirectory()
+        self.folder = Path(self.room.name)
         self.chosen: list[Choice] = []
         self.sitting = Sitting(self.folder)
         self.cuts = 0

@@ -46,7 +46,7 @@ _SOURCES: Mapping[str, Any] = load_yaml_values(Path(__file__).with_name("error_s
 
 # While the bend swings over in the last stretch of a shaft, its end is read off by so many needle widths: 0.18 mm (rms)
 # in the 37 of 85 runs of protocols/insertion.yaml that ended so, 0.07 mm in the others.
-_SWINGS_MM, _SWUNG = 6.0, 0.17
+SWINGS_MM, SWUNG = 6.0, 0.17
 # Picture and estimate that differ by more of their standard deviations contradict each other.
 _AGREES = 3.0
 
@@ -346,9 +346,9 @@ def judge_end(
     depth = (
         None if shaft is None else _find_depth(shaft, plane, path, problem.radius_mm, unseen, way_mm=way_mm)
     )
-    swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < _SWINGS_MM
+    swings = len(path) > 1 and path[-1].length_mm + settings.policy.backlash_mm / 2 < SWINGS_MM
     if shaft is not None and swings:
-        fit_mm = math.hypot(shaft.errors.fit_mm or 0.0, _SWUNG * shaft.width_px * plane.mm_per_px)
+        fit_mm = math.hypot(shaft.errors.fit_mm or 0.0, SWUNG * shaft.width_px * plane.mm_per_px)
         shaft = replace(shaft, errors=replace(shaft.errors, fit_mm=fit_mm))
     seen = see_end(plane, shaft, estimate, drift=drift, depth=depth)
     if seen is None:

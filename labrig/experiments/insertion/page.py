@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult
+from labrig.experiments.insertion.ending import SWINGS_MM, SWUNG
 from labrig.experiments.insertion.events import InsertionRole, InsertionStart, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
@@ -68,6 +69,8 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
         "zeros": run.read_events(InsertionStart, RollZeroFound),
         "degrees": math.degrees,
         "noise_told": describe_nis(noise),
+        "swings_mm": SWINGS_MM,
+        "swung": SWUNG,
         "radius_told": describe_radius(noise, content.settings),
     }
     return Page(TEMPLATE, plane, parts)

@@ -10,14 +10,14 @@ from labrig.experiments.insertion.result import InsertionResult
 from labrig.record.reader import Run, open_run
 from tests.experiments.insertion.test_procedure import analyse, conduct_insertion, insertion
 
-_FOLDER = tempfile.TemporaryDirectory(prefix="labrig-insertion-")  # gone with the process
+FOLDER = tempfile.TemporaryDirectory(prefix="labrig-insertion-")  # gone with the process
 OBSTACLE = "obstacles=[{position_mm: [0, 8, 18], radius_mm: 4}]"
 
 
 @cache
 def record_insertion(*overrides: str) -> Run:
     """Conduct an insertion past one obstacle in gel that disturbs it, with its title as people may write it."""
-    folder, title = Path(tempfile.mkdtemp(dir=_FOLDER.name)), "title=To <b>there</b>"
+    folder, title = Path(tempfile.mkdtemp(dir=FOLDER.name)), "title=To <b>there</b>"
     _, run = conduct_insertion(folder, insertion(OBSTACLE, title, *overrides), ())
     return open_run(run.path)
 

@@ -28,6 +28,7 @@ from labrig.vision.marker import MarkerFix
 from labrig.vision.plane import PlaneMap
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.devices.rigs import large_rig
+from tests.experiments.insertion.recorded import FOLDER
 from tests.experiments.insertion.test_procedure import (
     EVEN,
     FROM_THE_BEGINNING,
@@ -60,7 +61,7 @@ def world(marker: str = MARKER) -> str:
 def record_followed() -> Run:
     """Conduct an insertion to a target that is pushed by 3 mm, followed by its marker."""
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*FROM_THE_BEGINNING, *BOUND])
-    with large_bench(Path(mkdtemp(prefix="labrig-markers-")), protocol, (*EVEN, world(), MOVES)) as opened:
+    with large_bench(Path(mkdtemp(dir=FOLDER.name)), protocol, (*EVEN, world(), MOVES)) as opened:
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
     return run

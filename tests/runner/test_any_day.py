@@ -115,8 +115,7 @@ class AnyDay(RuleBasedStateMachine):
     @initialize()
     def begin(self) -> None:
         """Begin the run."""
-        self.room = tempfile.TemporaryDirectory()
-        self.folder = Path(self.room.name)
+        self.folder = Path(tempfile.mkdtemp())
         self.chosen: list[Choice] = []
         self.sitting = Sitting(self.folder)
         self.cuts = 0

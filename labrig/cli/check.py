@@ -42,7 +42,8 @@ def check(
     print_problems(found.warnings, "warning: ")
     place = f" on rig {found.rig.name}" if found.rig else ""
     # A dry run that was refused has not come to its end.
-    needs = f" can run{place}{_tell_needs(found.plan, found.rig, found.disk_bytes)}"
+    doubt = ", but see the warning" * bool(found.warnings)
+    needs = f" can run{place}{doubt}{_tell_needs(found.plan, found.rig, found.disk_bytes)}"
     print_line(f"{protocol}{needs}" if found.ok else f"{protocol} cannot run{place}")
     for age in found.calibration:
         print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))

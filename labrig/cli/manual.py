@@ -32,7 +32,9 @@ def manual(
     page = built if built.exists() else pages[name]
     print_json({"page": str(page)})
     print_line(f"page: {page}; read it in {'a browser' if page == built else 'an editor'}")
-    if page == built and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    from labrig.report.viewer import has_display
+
+    if page == built and has_display(os.environ):
         import webbrowser
 
         webbrowser.open(page.as_uri())

@@ -26,7 +26,7 @@ class _Pace:
     def __init__(self, total: float) -> None:
         self._total = max(total, 1e-9)
         self._clock = SystemClock()
-        self._held_s = 0.0
+        self._held_s = self._share = self._spent_s = 0.0
 
     def now_s(self) -> float:
         """Return the time since the beginning [s]."""
@@ -41,9 +41,11 @@ class _Pace:
         return min(done / self._total, 1.0)
 
     def find_left_s(self, done: float) -> float | None:
-        """Return the time left [s]; None while too little is done to tell."""
-        share = self.find_share(done)
-        return (self.now_s() - self._held_s) * (1 - share) / share if share >= _TELLING_SHARE else None
+        """Return the time left [s], which falls while one part is at work; None while too little is done to tell."""
+        share, spent_s = self.find_share(done), self.now_s() - self._held_s
+        if share > self._share:
+            self._share, self._spent_s = share, spent_s
+        return max(self._spent_s / share - spent_s, 0.0) if share >= _TELLING_SHARE else None
 
 
 def load_bar() -> None:
@@ -125,8 +127,7 @@ class _PlainLines:
     def __init__(self, title: str, total: float) -> None:
         self._title = title
         self._pace = _Pace(total)
-        self._tenths = 0
-        self._printed_s = 0.0
+        self._tenths, self._printed_s = 0, 0.0
 
     def __call__(self, done: float, doing: str) -> None:
         share, elapsed_s = self._pace.find_share(done), self._pace.now_s()

@@ -53,20 +53,26 @@ def _describe_commands() -> str:
 def _describe_keys(title: str, file: Path) -> str:
     """Return a table of the keys of each section of a kind of YAML file."""
     schema = json.loads(file.read_text(encoding="utf-8"))
-    lines = [f"\n## {title} files\n"]
-    for name, section in (("The file", schema), *sorted(schema["$defs"].items())):
-        if "properties" in section:
-            lines += [f"\n### {name}\n", "| key | default | meaning |", "|---|---|---|"]
-            needed = section.get("required", [])
-            lines += [_describe_key(key, value, needed) for key, value in section["properties"].items()]
+    lines, sections = [f"\n## {title} files\n"], {"": schema, **schema["$defs"]}
+    holders = [(of, key, str(at)) for of in sections.values() for key, at in of.get("properties", {}).items()]
+    for name, section in sections.items():
+        if keys := section.get("properties"):
+            # A file goes by its experiment, a section by the keys that hold it, and the files that do.
+            held = [(of, key) for of, key, at in holders if f"'#/$defs/{name}'" in at]
+            title = ", ".join(sorted({key for _, key in held})) or _find_experiment(section) or "The file"
+            files = {f"({_find_experiment(of)})" for of, _ in held if _find_experiment(of)}
+            lines += [f"\n### {' '.join((title, *sorted(files)))}\n", section.get("description", ""), ""]
+            lines += ["| key | default | meaning |", "|---|---|---|"]
+            lines += [_describe_key(key, value, section.get("required", [])) for key, value in keys.items()]
     return "\n".join(lines) + "\n"
+
+
+def _find_experiment(section: dict[str, Any]) -> str:
+    return str(section.get("properties", {}).get("experiment", {}).get("const", ""))
 
 
 def _describe_key(key: str, value: dict[str, Any], needed: list[str]) -> str:
     default = f"`{json.dumps(value['default'])}`" if "default" in value else "required" * (key in needed)
-    cells = (f"`{key}`", default, value.get("description", ""))
-    return (
-        "| "
-        + " | ".join(cell.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ") for cell in cells)
-        + " |"
-    )
+    cells = f"`{key}`", default, value.get("description", f"see `{key}:`")
+    told = (cell.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ") for cell in cells)
+    return f"| {' | '.join(told)} |"

@@ -123,7 +123,8 @@ def draw_groups(comparison: Comparison, table: pd.DataFrame, ends: tuple[str, st
         axes = figure.subplots()
         shown = [*alone[[*(ends or ())]].stack(), *rows["true" if in_space else "value"].dropna()]
         intervals = [] if in_space else [group.ci95_with_shared or group.ci95 for group in groups]
-        axes.set_xlim(choose_limits(shown, intervals))
+        allowed_mm = rows.get("tolerance_mm", pd.Series()).unique().tolist() if in_space else []
+        axes.set_xlim(choose_limits([*shown, *allowed_mm], intervals))
         if "error" in comparison.quantity:
             axes.set_xlim(left=0.0)  # the distance from a target is never negative
         for number, (group, part) in enumerate(zip(groups, parts, strict=True)):
@@ -133,6 +134,7 @@ def draw_groups(comparison: Comparison, table: pd.DataFrame, ends: tuple[str, st
                 _draw_readings(axes, places[number], part, ends, mark(number).colour)
         axes.set_yticks(places, [f"{textwrap.fill(group.name, 32)}\nn = {group.n}" for group in groups])
         axes.set_ylim(lines.sum() - 0.5, -0.6)
+        axes.vlines(allowed_mm, *axes.get_ylim(), colors="#555555", linewidth=1.0, linestyle=(0, (4, 2.5)))
         axes.set_xlabel(label_key(comparison.quantity).replace(" (", " in space (" if in_space else " ("))
         axes.grid(visible=True, axis="x")
         return svg(figure, "groups")

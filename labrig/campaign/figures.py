@@ -192,7 +192,7 @@ def draw_map(
         along, upwards = map(label_key, ranges)
         axes.set(xlabel=along, ylabel=upwards)
         sizes = " to ".join(map("{:.0f}".format, sorted({counts[counts > 0].min(), counts.max()})))
-        label = f"share within {tell_value(result.tolerance, result.measure)}, of {sizes} in each rectangle"
+        label = f"share within {tell_value(result.tolerance, result.measure)}, of {sizes} tasks each"
         figure.colorbar(mesh, ax=axes, label=label, format="{x:.0%}", location="bottom", aspect=40)
         return svg(figure, name)
 

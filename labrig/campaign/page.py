@@ -24,6 +24,7 @@ from labrig.report.formatting import count_decimals, name_settings
 from labrig.report.page import REPORT_FILE, tell_writing
 from labrig.report.page import write_page as write_document
 from labrig.runner.sight import load_plane_map
+from labrig.runner.virtual_sight import ShaftErrors, SightingErrors
 from labrig.steering.parameters import SECTIONS
 from labrig.text import split_quantity, tell_value
 
@@ -104,6 +105,7 @@ def _tell(
         # The settings of more arms do not fit beside one another.
         "differing": [*find_differences(*(arm.describe() for arm in loaded.arms[:5]))],
         "sections": SECTIONS,
+        "read_off": (SightingErrors(), ShaftErrors()),  # by a task that takes no pictures
         "provenance": collect_provenance(()),
     }
 

@@ -165,8 +165,7 @@ def _draw_group(axes: Axes, place: int, group: Group, rows: pd.DataFrame, unit: 
     dots[0].set_rasterized(len(values) > MOST_VECTORS)
     if unit == "specimen":
         blocks = rows.groupby("block")["value"].mean()
-        rings = np.full(len(blocks), place - 0.12)
-        axes.plot(blocks, rings, "o", color=look.colour, markersize=6, fillstyle="none")
+        axes.plot(blocks, np.full(len(blocks), place - 0.12), "o", c=look.colour, ms=6, fillstyle="none")
     if group.mean is not None:
         if ends := group.ci95_with_shared or group.ci95:
             draw_interval(axes, ends, place, look.colour, width=2.4)

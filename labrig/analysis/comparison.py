@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,8 +29,6 @@ from labrig.analysis.statistics import (
 from labrig.errors import InputError
 from labrig.protocol.model import Model
 from labrig.record.difference import find_differences
-from labrig.record.json_lines import flatten
-from labrig.record.layout import RIG
 from labrig.steering.parameters import PAPER_SECTIONS, SECTIONS
 from labrig.text import format_count, split_key, split_quantity, tell_value
 
@@ -39,8 +38,7 @@ MOST_GROUPS_IN_PAIRS = 12
 _MOST_HINTED = 15
 _MOST_KEYS = 2
 _OWN_SEED = " These gels have the same seed, name and needle; another seed in each protocol draws others."
-_TALK = frozenset({"title", "notes", "operator"})
-NAMING = _TALK | {"seed", "specimen", "specimens", "needle_id"}
+NAMING = frozenset({"title", "notes", "operator", "seed", "specimen", "specimens", "needle_id"})
 _OF_POLICY = {f"{section}.{key}" for section, values in PAPER_SECTIONS.items() for key in values}
 _INTERVALS = ("ci95_low", "ci95_high", "sigma_")
 
@@ -153,9 +151,7 @@ def compare_runs(
     rows, fields, notes = group_rows(_read_rows(used, wanted), used, by)
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
-    pictures = counted.index.to_series().astype("string")
-    insertion = counted["run"] + "/" + counted["trial"].astype("string").combine_first(pictures)
-    each = counted["block"] if unit == "specimen" else insertion.rename("insertion")
+    each = counted["block"] if unit == "specimen" else _name_insertions(counted, used)
     units = counted.groupby(["group", each], sort=False)["value"].mean()
     shared = _find_shared(counted, unit, wanted, used)
     least = 0.0 if wanted.endswith("error_mm") and units.min() >= 0.0 else -math.inf
@@ -180,7 +176,7 @@ def compare_runs(
             *notes,
             *_note_shared(counted, used),
             *_note_settings(used, fields),
-            *_note_repeats(used),
+            *_note_repeats(counted, used),
             *(sentence for run in used for sentence in _note_run(run)),
             *_note_groups(groups, {run.about.simulated for run in used}),
         ),
@@ -319,15 +315,12 @@ def _test_pairs(samples: Mapping[str, Sequence[float]], shared: pd.DataFrame) ->
 
 
 def _note_shared(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[str]:
-    """Say so where groups share blocks of gel, or what a seed draws for the same names, so that they are paired.
-
-    A simulated world draws by seed and specimen, a hole also by needle: other names share nothing that is measured.
-    """
-    drawn = [run.run.manifest.get("seed") for run in runs if run.about.simulated]
-    seeds = {run.name: seed for run in runs if drawn.count(seed := run.run.manifest.get("seed")) > 1}
-    names = counted.reindex(columns=["specimen", "needle_id"]).astype("string").fillna("")
-    same = counted["run"].map(seeds).astype("string") + "/" + names["specimen"] + "/" + names["needle_id"]
-    for noun, kept, advice in (("specimen", counted["block"], ""), ("simulated gel", same, _OWN_SEED)):
+    """Say so where groups share blocks of gel, in a simulation with the same needle, so that they are paired."""
+    simulated = counted["run"].isin([run.name for run in runs if run.about.simulated])
+    named = counted.reindex(columns=["block", "needle_id"]).astype("string").fillna("")
+    drawn = (named["block"] + "/" + named["needle_id"]).where(simulated & counted["block"].notna())
+    blocks = counted["block"].mask(simulated)
+    for noun, kept, advice in (("specimen", blocks, ""), ("simulated gel", drawn, _OWN_SEED)):
         shared = int((counted.groupby(kept)["group"].nunique() > 1).sum())
         if shared and counted["group"].duplicated().any():
             yield (
@@ -358,16 +351,25 @@ def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]
         yield f"The settings of the runs differ in {', '.join(told.values()) if len(told) <= _MOST_KEYS else many}."
 
 
-def _note_repeats(runs: Sequence[Measured]) -> Iterable[str]:
-    """Yield the simulated runs that repeat one another: equal draws are no second measurement."""
-    alike = defaultdict[str, list[str]](list)
-    for run in runs:
-        if run.about.simulated:
-            record, protocol = run.run, flatten(run.run.protocol, skip=_TALK)
-            alike[f"{record.manifest.get('seed')} {record.hashes.get(RIG)} {protocol}"].append(run.name)
-    for names in alike.values():
-        if len(names) > 1:
-            yield f"{_list_some(names)} are one simulation (protocol, rig, seed): no {len(names)} independent results."
+def _name_insertions(counted: pd.DataFrame, runs: Sequence[Measured]) -> "pd.Series[Any]":
+    """Return which insertion each measurement is of: that of its run, and in a simulation that of its draw.
+
+    A world draws a block by seed and name, and an insertion into it by needle and hole: runs may have the same.
+    """
+    simulated = counted["run"].isin([run.name for run in runs if run.about.simulated])
+    named = counted.reindex(columns=["block", "needle_id", "hole"]).astype("string")
+    drawn = (named["block"] + "/" + named["needle_id"] + "/" + named["hole"]).where(simulated)
+    pictures = counted.index.to_series().astype("string")
+    trials = counted["run"] + "/" + counted["trial"].astype("string").combine_first(pictures)
+    return drawn.combine_first(trials).rename("insertion")
+
+
+def _note_repeats(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[str]:
+    """Say which runs repeat what another one has simulated: equal draws are no second measurement."""
+    drawn = counted.groupby(["group", _name_insertions(counted, runs)])["run"]
+    names = list(counted["run"][drawn.transform("nunique") > 1].unique())
+    if names:
+        yield f"{_list_some(names)} have insertions in common, of one seed: in a group each counts once, by its mean."
 
 
 def _note_run(run: Measured) -> Iterable[str]:

@@ -154,17 +154,17 @@ def _find_blocks(rows: pd.DataFrame, runs: Sequence[Measured]) -> "pd.Series[Any
     """Return the block of gel of each row: a specimen of a run; empty where none is named.
 
     A specimen with a file is one block in all runs. Others are different blocks in different runs, whatever their
-    names: no record says that one was used again. Simulated gel is new in every run.
+    names: no record says that one was used again. Simulated gel is drawn by seed and name, and so is one block in all
+    runs of a rig that have both.
     """
     named = rows.get("specimen", pd.Series(None, rows.index)).astype(object)
-    with_file = {
-        (run.name, name)
-        for run in runs
-        if not run.about.simulated
-        for name in _list_run_values(run, BLOCK_NAME)
-    }
+    simulated = [run for run in runs if run.about.simulated]
+    benches = [run for run in runs if not run.about.simulated]
+    with_file = {(run.name, name) for run in benches for name in _list_run_values(run, BLOCK_NAME)}
     is_kept = np.array([pair in with_file for pair in zip(rows["run"], named, strict=True)])
-    return named.where(is_kept | named.isna(), rows["run"].astype(object) + "/" + named.astype(str))
+    worlds = {run.name: (str(run.run.manifest.get("rig")), run.run.manifest.get("seed")) for run in simulated}
+    drawn_in = {name: next(first for first in worlds if worlds[first] == worlds[name]) for name in worlds}
+    return named.where(is_kept | named.isna(), rows["run"].replace(drawn_in) + "/" + named.astype(str))
 
 
 def choose_unit(counted: pd.DataFrame) -> tuple[Unit, list[str]]:

@@ -177,7 +177,7 @@ def draw_map(
         counts, x_edges, y_edges = np.histogram2d(x, y, fields, [*ranges.values()])
         hits, _, _ = np.histogram2d(x, y, (x_edges, y_edges), weights=reached.astype(np.float64))
         share = np.ma.masked_where(counts == 0, hits / np.maximum(counts, 1.0)).T
-        axes.patch.set(facecolor="#f6f6f6", hatch="//", edgecolor="#d4d4d4")
+        axes.patch.set(facecolor="#f6f6f6", hatch="////", edgecolor="#d4d4d4")
         mesh = axes.pcolormesh(x_edges, y_edges, share, cmap=_SHARES, vmin=0, vmax=1, rasterized=True)
         many = len(x) > MOST_VECTORS
         axes.plot(x[reached], y[reached], ".", color="#00507d", markersize=4, rasterized=many, clip_on=False)

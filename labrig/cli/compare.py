@@ -30,7 +30,7 @@ def compare(
         Option(
             metavar="FIELD",
             help="Group by needle, gel, specimen, hole, run, another column, or a key or section of the protocol; "
-            "repeatable. Default: needle and gel.",
+            "repeatable. Default: needle and gel; the run where these are the same.",
         ),
     ] = None,
     runs_dir: RunsDirOption = None,

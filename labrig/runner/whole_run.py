@@ -81,8 +81,8 @@ def record(order: RunOrder, attendant: Attendant) -> FinishedRun:
     plan = plan_run(experiment, protocol, order.rig)
     if plan.problems:
         raise FileFormatError(plan.problems)
-    if plan.refusal is not None:
-        attendant.say(f"in a rehearsal {plan.refusal.message}; {plan.refusal.hint}")
+    for doubt in filter(None, (plan.refusal, *plan.warnings)):
+        attendant.say(f"in a rehearsal {doubt.message}; {doubt.hint}")
     require_free_bytes(order.runs_dir, count_needed_bytes(plan, order.rig))
     if order.rig is None:
         clock = SystemClock()

@@ -91,9 +91,9 @@ class SteeringPolicy(Model):
     deviation_mm: NonNegativeMm | None = 0.4
     """Replan if the rest of the path would miss by more; null: never for that reason [mm]."""
     near_mm: NonNegativeMm = 30.0
-    """Replan at every picture if no more than this is left [mm]."""
+    """Replan for a smaller miss if no more than this is left [mm]."""
     final_mm: NonNegativeMm = 8.0
-    """Take the path that comes nearest to the target if no more than this is left [mm]."""
+    """Take the path that comes nearest to the target, anew at every picture, if no more than this is left [mm]."""
     backlash_mm: NonNegativeMm = 1.5
     """Insertion over which the curvature reverses after half a turn [mm]."""
     closing_mm: NonNegativeMm = 3.0

@@ -264,8 +264,8 @@ def _fit_circle(
     if length_mm < least_mm:
         raise MeasurementRefusedError(
             f"of {shaft.length_mm:.1f} mm of needle {length_mm:.1f} mm lie in the window for the radius, which leaves "
-            f"out {settings.window_start_mm:g} mm at the entry and {settings.window_end_mm:g} mm at the tip, and "
-            f"{least_mm:g} mm is the least"
+            f"out at least {settings.window_start_mm:g} mm at the entry and {settings.window_end_mm:g} mm at the tip, "
+            f"and {least_mm:g} mm is the least"
         )
     try:
         circle = fit_circle(points)

@@ -144,9 +144,8 @@ def test_insertions_are_told_apart_by_their_intervals_in_space(tmp_path, low_mm,
 
 
 def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):
-    """Runs of a simulated rig that differ in their notes alone repeat one another, and gels of one name and seed."""
-    once = "a, b are one simulation (protocol, rig, seed): no 2 independent results."
-    for rig, told in (("simulated", ["1 simulated gel is", once]), ("bench", [])):
+    """Runs of a simulated rig and one seed repeat one another where needle, gel and hole have the same names."""
+    for rig, told, n in (("simulated", ["1 simulated gel is"], 2), ("bench", [], 3)):
         runs = [
             write_measured_run(tmp_path / rig, *of, rig=rig)
             for of in (("a", {SOFT: (28.0, 28.4)}), ("b", {HARD: (28.0, 28.4)}))
@@ -156,6 +155,9 @@ def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):
         )
         warned = _compare(*runs, by=["run"]).comparison.warnings
         assert [line.partition(" in more")[0] for line in warned if "simula" in line] == told
+        both = _compare(*runs).comparison  # b and c are in one group
+        counted = [line.startswith("b, c have insertions in common, of one seed") for line in both.warnings]
+        assert ([group.n for group in both.groups], sum(counted)) == ([2, n], 3 - n)
 
 
 def test_groups_can_be_made_by_any_field(tmp_path):

@@ -65,8 +65,7 @@ def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_p
         tmp_path, views=10, gel=f"{{index: 1.35, depth_mm: 10, paper_at: surface, {known}}}"
     )
     content, folder = _analyse(run)
-    lens = load_intrinsics(folder / "intrinsics.json")
-    plane = load_plane(folder / "plane.json", lens)
+    plane = load_plane(folder / "plane.json", load_intrinsics(folder / "intrinsics.json"))
     wall = Layer(index="acrylic", thickness_mm=2.0)
     assert plane.gel == Gel(index=1.35, depth_mm=10.0, paper_at="surface", depth_sigma_mm=0.5, layers=(wall,))
     assert len(plane.map_by_variants([(0.0, 0.0)])["surface"]) == 2

@@ -80,10 +80,10 @@ class Follower:
     def close(self) -> None:
         """End the process."""
         self._process.kill()
-        self._process.wait()
         self._listener.join()
-        assert self._process.stdin is not None
-        self._process.stdin.close()
+        # Its input is closed too, and may hold what it no longer took.
+        with suppress(BrokenPipeError), self._process:
+            pass
 
     def _pass_on(self) -> None:
         assert self._process.stdout is not None

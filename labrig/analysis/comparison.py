@@ -151,7 +151,9 @@ def compare_runs(
     rows, fields, notes = group_rows(_read_rows(used, wanted), used, by)
     counted = rows[rows["value"].notna() & rows["group"].notna()]
     unit, unit_notes = choose_unit(counted)
-    each = counted["block"] if unit == "specimen" else _name_insertions(counted, used)
+    simulated = counted["run"].isin([run.name for run in used if run.about.simulated])
+    insertions = _name_insertions(counted, simulated)
+    each = counted["block"] if unit == "specimen" else insertions
     units = counted.groupby(["group", each], sort=False)["value"].mean()
     shared = _find_shared(counted, unit, wanted, used)
     least = 0.0 if wanted.endswith("error_mm") and units.min() >= 0.0 else -math.inf
@@ -174,9 +176,9 @@ def compare_runs(
         warnings=(
             *unit_notes,
             *notes,
-            *_note_shared(counted, used),
+            *_note_shared(counted, simulated),
             *_note_settings(used, fields),
-            *_note_repeats(counted, used),
+            *_note_repeats(counted, insertions),
             *(sentence for run in used for sentence in _note_run(run)),
             *_note_groups(groups, {run.about.simulated for run in used}),
         ),
@@ -314,9 +316,8 @@ def _test_pairs(samples: Mapping[str, Sequence[float]], shared: pd.DataFrame) ->
         yield Pair(a=names[i], b=names[j], **test._asdict(), shared_sigma=errors, ci95_with_shared=wide)
 
 
-def _note_shared(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[str]:
+def _note_shared(counted: pd.DataFrame, simulated: "pd.Series[bool]") -> Iterable[str]:
     """Say so where groups share blocks of gel, in a simulation with the same needle, so that they are paired."""
-    simulated = counted["run"].isin([run.name for run in runs if run.about.simulated])
     named = counted.reindex(columns=["block", "needle_id"]).astype("string").fillna("")
     drawn = (named["block"] + "/" + named["needle_id"]).where(simulated & counted["block"].notna())
     blocks = counted["block"].mask(simulated)
@@ -351,12 +352,11 @@ def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]
         yield f"The settings of the runs differ in {', '.join(told.values()) if len(told) <= _MOST_KEYS else many}."
 
 
-def _name_insertions(counted: pd.DataFrame, runs: Sequence[Measured]) -> "pd.Series[Any]":
+def _name_insertions(counted: pd.DataFrame, simulated: "pd.Series[bool]") -> "pd.Series[Any]":
     """Return which insertion each measurement is of: that of its run, and in a simulation that of its draw.
 
     A world draws a block by seed and name, and an insertion into it by needle and hole: runs may have the same.
     """
-    simulated = counted["run"].isin([run.name for run in runs if run.about.simulated])
     named = counted.reindex(columns=["block", "needle_id", "hole"]).astype("string")
     drawn = (named["block"] + "/" + named["needle_id"] + "/" + named["hole"]).where(simulated)
     pictures = counted.index.to_series().astype("string")
@@ -364,9 +364,9 @@ def _name_insertions(counted: pd.DataFrame, runs: Sequence[Measured]) -> "pd.Ser
     return drawn.combine_first(trials).rename("insertion")
 
 
-def _note_repeats(counted: pd.DataFrame, runs: Sequence[Measured]) -> Iterable[str]:
+def _note_repeats(counted: pd.DataFrame, insertions: "pd.Series[Any]") -> Iterable[str]:
     """Say which runs repeat what another one has simulated: equal draws are no second measurement."""
-    drawn = counted.groupby(["group", _name_insertions(counted, runs)])["run"]
+    drawn = counted.groupby(["group", insertions])["run"]
     names = list(counted["run"][drawn.transform("nunique") > 1].unique())
     if names:
         yield f"{_list_some(names)} have insertions in common, of one seed: in a group each counts once, by its mean."

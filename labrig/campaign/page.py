@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from labrig.campaign.figures import draw_arms, draw_map, draw_over_points
@@ -89,7 +88,7 @@ def _tell(
     loaded: LoadedCampaign, result: CampaignResult, known: pd.DataFrame, circles: Sequence[Circle]
 ) -> dict[str, Any]:
     """Return what the page tells that no figure shows; `known` are the tasks without an error, by their numbers."""
-    points = known.loc[~(known["value"] <= (result.tolerance or 0.0)), [*loaded.file.ranges]].to_numpy(float)
+    points, missed = known[[*loaded.file.ranges]], ~(known["value"] <= (result.tolerance or 0.0))
     intervals = sorted(filter(None, (arm.ci95 for arm in result.arms)), key=np.ptp)
     return {
         "content": result,
@@ -100,7 +99,7 @@ def _tell(
         "known": known,
         "failing": {of: known[rows] for of, rows in find_failing(known, result.measure).items()},
         "circles": circles,
-        "gathered": _gather(points, circles) if circles and len(points) else None,
+        "gathered": _gather(points, missed, circles) if circles and missed.any() else None,
         "loaded": loaded,
         # The settings of more arms do not fit beside one another.
         "differing": [*find_differences(*(arm.describe() for arm in loaded.arms[:5]))],
@@ -110,10 +109,14 @@ def _tell(
     }
 
 
-def _gather(points_mm: NDArray[np.float64], circles: Sequence[Circle]) -> tuple[Circle, int, float]:
-    """Return the obstacle that most points (N, 2) lie nearest to, how many do, and how far from its edge at most."""
+def _gather(points: pd.DataFrame, missed: "pd.Series[bool]", circles: Sequence[Circle]) -> tuple[float, ...]:
+    """Return where that obstacle is which most missed points lie nearest to, along x, and how many of them do.
+
+    Then within how many whole units of its edge these lie, and how many points do, missed or not.
+    """
     places = np.array(circles)
-    edges_mm = np.linalg.norm(points_mm[:, None] - places[:, :2], axis=2) - places[:, 2]
-    nearest = edges_mm.argmin(axis=1)
+    edges = np.linalg.norm(points.to_numpy(float)[:, None] - places[:, :2], axis=2) - places[:, 2]
+    nearest = edges[missed].argmin(axis=1)
     most = int(np.bincount(nearest).argmax())
-    return circles[most], int((nearest == most).sum()), float(edges_mm[nearest == most, most].max())
+    within = math.ceil(edges[missed][nearest == most, most].max())
+    return circles[most][0], int((nearest == most).sum()), within, int((edges[:, most] <= within).sum())

@@ -14,7 +14,7 @@ from labrig.text import duration
 Reporter: TypeAlias = Callable[[float, str], None]
 """Takes how much of the total is done, in its unit, and what is being done."""
 
-_TELLING_SHARE, _UNKNOWN = 0.02, "-:--:--"
+_TELLING_SHARE, _LEAST_PAUSE_S, _UNKNOWN = 0.02, 2.0, "-:--:--"
 
 _shown: list[tuple[Any, "_Pace"]] = []
 """The rich bar on the terminal and its pace, if one is shown."""
@@ -116,9 +116,6 @@ def _make_console() -> Any:
     from rich.console import Console
 
     return Console(file=cast("IO[str]", SafeStandardError()))
-
-
-_LEAST_PAUSE_S = 2.0
 
 
 class _PlainLines:

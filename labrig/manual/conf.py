@@ -60,8 +60,9 @@ def _describe_keys(title: str, file: Path) -> str:
             # A file goes by its experiment, a section by the keys that hold it, and the files that do.
             held = [(of, key) for of, key, at in holders if f"'#/$defs/{name}'" in at]
             title = ", ".join(sorted({key for _, key in held})) or _find_experiment(section) or "The file"
-            files = {f"({_find_experiment(of)})" for of, _ in held if _find_experiment(of)}
-            lines += [f"\n### {' '.join((title, *sorted(files)))}\n", section.get("description", ""), ""]
+            files = sorted({_find_experiment(of) for of, _ in held} - {""})
+            title += "".join(f" ({file})" for file in files)
+            lines += [f"\n### {title}\n", section.get("description", ""), ""]
             lines += ["| key | default | meaning |", "|---|---|---|"]
             lines += [_describe_key(key, value, section.get("required", [])) for key, value in keys.items()]
     return "\n".join(lines) + "\n"

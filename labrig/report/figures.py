@@ -263,7 +263,7 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
         axes.errorbar(place + 0.13, drawn_mm, xerr=0.05, **_DRAWN)
         if gel.paper_mm is not None:
             # Dashed: it is no interval of a mean.
-            axes.errorbar(place + 0.36, *gel.paper_mm, **_PAPER)[2][0].set_linestyle((0, (2, 1.5)))
+            axes.errorbar(place + 0.36, *gel.paper_mm, **_PAPER)[2][0].set_linestyle((0, (5, 2)))
     axes.set_ymargin(0.2)
     axes.autoscale_view()
     axes.set_ylim(choose_limits(axes.get_ylim(), [gel.ci95_mm for gel in series]))
@@ -344,12 +344,8 @@ def draw_lens(
             start, end = np.asarray(needle_px)
             arrow = {"arrowstyle": "->", "color": mark(1).colour, "linewidth": 2}
             axes.annotate("", end, start, arrowprops=arrow)
-            look: dict[str, Any] = {
-                "color": mark(1).colour,
-                "fontweight": "bold",
-                "textcoords": "offset points",
-            }
-            axes.annotate("needle", start, (4, 5), bbox=_CLEAR, **look)
+            where: dict[str, Any] = {"textcoords": "offset points", "bbox": _CLEAR}
+            axes.annotate("z", start, (4, 5), color=mark(1).colour, fontweight="bold", **where)
         axes.set_aspect("equal")
         axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
         axes.set(xlabel="u, to the right (px)", ylabel="v, downwards (px)")

@@ -36,6 +36,7 @@ from labrig.report.event_words import list_decisions
 from labrig.report.formatting import flatten, format_time, format_value, interval, mark_breaks, number, signed
 from labrig.report.pictures import PLATE, photograph
 from labrig.text import format_count, split_key
+from labrig.vision.calibration_file import read_creation_time
 from labrig.vision.error_budget import ErrorBudget
 from labrig.vision.plane import PlaneMap
 
@@ -131,6 +132,7 @@ def write_report(
         if result or not run.frame_lines
         else photograph(run, run.frame_lines[-1].frame, PLATE),
         "lens": None if page.plane is None else load_lens(run),
+        "read_creation_time": read_creation_time,
         **page.shown,
     }
     write_page(run.path / REPORT_FILE, page.template, shown)

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult
-from labrig.experiments.insertion.ending import SWINGS_MM, SWUNG
+from labrig.experiments.insertion import ending
 from labrig.experiments.insertion.events import InsertionRole, InsertionStart, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
@@ -23,6 +23,7 @@ from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke
 from labrig.report.page import Page, read_world
 from labrig.report.pictures import PLATE, Plate, map_path, photograph, pixel, polyline, scale_bar
+from labrig.steering import step
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 
@@ -69,8 +70,8 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
         "zeros": run.read_events(InsertionStart, RollZeroFound),
         "degrees": math.degrees,
         "noise_told": describe_nis(noise),
-        "swings_mm": SWINGS_MM,
-        "swung": SWUNG,
+        "ending": ending,
+        "step": step,
         "radius_told": describe_radius(noise, content.settings),
     }
     return Page(TEMPLATE, plane, parts)

@@ -30,7 +30,7 @@ def draw_picture(run: Run, result: PictureResult, lines: CentreLines, plane: Pla
     bar, start_mm = scale_bar((plate.width, plate.height), plane), result.origin_mm or result.sheath_tip_mm
     arrows = {} if start_mm is None else {"z": bar[0] * _ARROW, "y": bar[0] * _ARROW[:, ::-1]}
     axes_px = {name: plane.to_px(np.asarray(start_mm) + arrow_mm) for name, arrow_mm in arrows.items()}
-    drawn = [*_list_lines(result, lines, plane, plate), *(("axis", px) for px in axes_px.values())]
+    drawn = [*(("axis", px) for px in axes_px.values()), *_list_lines(result, lines, plane, plate)]
     return replace(
         plate,
         lines=tuple((name, polyline(px)) for name, px in drawn),

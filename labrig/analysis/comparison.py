@@ -153,8 +153,8 @@ def compare_runs(
     unit, unit_notes = choose_unit(counted)
     simulated = counted["run"].isin([run.name for run in used if run.about.simulated])
     insertions = _name_insertions(counted, simulated)
-    each = counted["block"] if unit == "specimen" else insertions
-    units = counted.groupby(["group", each], sort=False)["value"].mean()
+    made = counted.groupby(["group", "block", insertions], sort=False, dropna=False)["value"].mean()
+    units = made.groupby(["group", "block" if unit == "specimen" else "insertion"], sort=False).mean()
     shared = _find_shared(counted, unit, wanted, used)
     least = 0.0 if wanted.endswith("error_mm") and units.min() >= 0.0 else -math.inf
     groups = tuple(

@@ -81,7 +81,7 @@ def run_campaign(
         begin, count = len(store.rows), loaded.count
         if store.change:
             attendant.say(f"note: the first rows were {store.change}; last digits may differ")
-        if begin:
+        if 0 < begin < count:
             attendant.say(f"{folder}: {begin} of {count} tasks are done already")
         try:
             with attendant.progress(loaded.file.campaign, float(max(1, count - begin))) as tell:

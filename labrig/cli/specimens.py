@@ -43,7 +43,8 @@ def _list() -> None:
         say("no specimens in data/specimens; labrig manual protocol says how to write the first")
     keys = ("name", "gelatin_percent", "batch", "cast_on", "usable_until")
     heads = ("specimen", "gelatin %", "batch", "cast", "usable until")
-    print_table(heads, [[row[key] for key in keys] for row in rows])
+    shown = [{**row, "gelatin_percent": f"{row['gelatin_percent']:g}"} for row in rows]
+    print_table(heads, [[row[key] for key in keys] for row in shown])
 
 
 def _show(name: str) -> None:

@@ -160,6 +160,14 @@ def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):
         assert ([group.n for group in both.groups], sum(counted)) == ([2, n], 3 - n)
 
 
+def test_an_insertion_that_one_run_repeats_weighs_no_more_in_its_block(tmp_path):
+    """The block's mean is that of its insertions, 28 and 29 mm, not of three measurements."""
+    drawn = {SOFT: (28.0, 29.0), ("gel C", 10.0): (28.0,), HARD: (27.0,), ("gel D", 19.0): (27.0,)}
+    whole = write_measured_run(tmp_path, "a", drawn, rig="simulated")
+    again = write_measured_run(tmp_path, "b", {SOFT: (28.0,)}, rig="simulated")
+    assert _compare(whole, again).comparison.groups[0].mean == pytest.approx((28.5 + 28.0) / 2)
+
+
 def test_groups_can_be_made_by_any_field(tmp_path):
     """By a column, an alias, a key of the protocol or the run; the default falls back on runs that are all alike."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})

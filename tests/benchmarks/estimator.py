@@ -82,8 +82,7 @@ def _compare_with_bound(seed: int, planar: bool, radius_sd_mm: float) -> tuple[f
     insertion = insert(seed, planar, 1.0 / curvature)
     states = follow(insertion, settings(planar, radius_sd_mm=radius_sd_mm))
     errors = heading_errors_rad(np.stack([state.pose for state in states]), insertion.truth)
-    bounds = bound_heading_rad2(seed, planar, radius_sd_mm)
-    return float(np.mean(errors**2)), float(np.mean(bounds))
+    return float(np.mean(errors**2)), float(np.mean(bound_heading_rad2(seed, planar, radius_sd_mm)))
 
 
 def _print_consistency() -> None:

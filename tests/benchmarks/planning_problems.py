@@ -78,8 +78,7 @@ def _draw_spheres(
         far = (
             np.linalg.norm(witness - (x, y, z), axis=1).min() > radius + DIAMETER_MM / 2 + CLEARANCE_MM + 0.2
         )
-        cuts = np.linalg.norm(blocked - (x, y, z), axis=1).min() < radius
-        if far and (spheres or cuts):
+        if far and (spheres or np.linalg.norm(blocked - (x, y, z), axis=1).min() < radius):
             spheres.append(Obstacle((x, y, z), radius))
         if len(spheres) == 3:
             return tuple(spheres)

@@ -41,8 +41,7 @@ def eds_text(*added: str, without: Iterable[int] = (), device: Mapping[str, obje
     text = _SECTION.sub(lambda found: "" if int(found[1], 16) in gone else found[0], _OWN)
     for key, value in (device or {}).items():
         text = re.sub(rf"^{key}=.*\n", "" if value is None else f"{key}={value}\n", text, flags=re.MULTILINE)
-    block = "[1F50]\nParameterName=Program\nObjectType=0x2\nAccessType=wo\n"
-    return "\n".join([text, *added, block])
+    return "\n".join([text, *added, "[1F50]\nParameterName=Program\nObjectType=0x2\nAccessType=wo\n"])
 
 
 _OF_MAXON = (0x3000, 0x3001, 0x30B0, 0x30B1, 0x30D1, 0x603F, 0x60A8, 0x60A9, 0x60AA)

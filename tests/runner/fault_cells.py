@@ -272,8 +272,7 @@ def _silence_all(cell: Cell) -> None:
 
 
 def _script_fault(**values: object) -> Callable[[Cell], None]:
-    fault = FaultDescription.model_validate(values)
-    return lambda cell: cell.script(fault)
+    return lambda cell: cell.script(FaultDescription.model_validate(values))
 
 
 def _of_a_question(strike: Callable[[Cell], None]) -> Callable[[Cell], None]:
@@ -481,8 +480,7 @@ def _strike_on_the_way(cell: Cell) -> None:
     if cell.phase in {Phase.IDLE, Phase.ASKING}:
         return
     doing = cell.drive.is_homing if cell.phase is Phase.HOMING else cell.drive.is_moving
-    way = abs(cell.drive.shaft_counts) / _QUADCOUNTS_PER_MM[STRUCK[cell.phase]]
-    if doing and way >= _WAY_MM:
+    if doing and abs(cell.drive.shaft_counts) / _QUADCOUNTS_PER_MM[STRUCK[cell.phase]] >= _WAY_MM:
         cell.strike()
 
 

@@ -89,8 +89,7 @@ def _record(name: str, runs_dir: Path, most_lines: float = math.inf) -> None:
 def record_killed(name: str, folder: Path, shares: tuple[float, ...]) -> None:
     """Make a whole run in `folder/whole`, and one for each share of its lines that is killed when it has so many."""
     _record(name, folder / "whole")
-    run = open_run(folder / "whole" / "run")
-    count = sum(len(run.lines(stream)) for stream in _STREAMS)
+    count = sum(len(open_run(folder / "whole" / "run").lines(stream)) for stream in _STREAMS)
     for share in shares:
         most = max(1, int(share * count))
         if os.fork() == 0:

@@ -86,8 +86,7 @@ def project_by_opencv(points_mm: Floats, lens: LensDescription) -> Floats:
 
 def test_a_point_is_seen_where_a_pinhole_sees_it() -> None:
     """Points up to 15 mm before and behind the plane appear at the pixels that OpenCV projects them to."""
-    random = np.random.default_rng(4)
-    points = random.uniform((-15.0, -35.0, 0.0), (15.0, 25.0, 110.0), (200, 3))
+    points = np.random.default_rng(4).uniform((-15.0, -35.0, 0.0), (15.0, 25.0, 110.0), (200, 3))
     seen, _ = see_points(points, LENS)
     assert plane_to_pixels(seen, LENS) == pytest.approx(project_by_opencv(points, LENS), abs=0.01)
 

@@ -21,8 +21,7 @@ OTHERWISE = r"over 20 mm the needle bends by 1\.00 mm; with a radius of 28 mm it
 @given(zero_rad=st.floats(-3.1, 3.1), sheath_mm=st.floats(-1.0, 1.0))
 def test_the_zero_is_found_wherever_it_is(zero_rad: float, sheath_mm: float) -> None:
     """Deflections by equation (5) give the zero and the bend back, at any clamping and sheath position."""
-    strays = sheath_mm - BEND_MM * np.cos(ROLLS - zero_rad)
-    fit = fit_roll_zero(ROLLS, strays, LENGTH_MM, RADIUS_MM)
+    fit = fit_roll_zero(ROLLS, sheath_mm - BEND_MM * np.cos(ROLLS - zero_rad), LENGTH_MM, RADIUS_MM)
     assert math.remainder(fit.zero_rad - zero_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
     assert fit.bend_mm == pytest.approx(BEND_MM)
 

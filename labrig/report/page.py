@@ -22,7 +22,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from labrig import __version__
-from labrig.analysis.pictures import load_lens
+from labrig.analysis.pictures import PLANE_FILE, load_lens
 from labrig.analysis.result import AnyResult
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, RecordError
@@ -132,7 +132,9 @@ def write_report(
         if result or not run.frame_lines
         else photograph(run, run.frame_lines[-1].frame, PLATE),
         "lens": None if page.plane is None else load_lens(run),
-        "read_creation_time": read_creation_time,
+        "calibrated": None
+        if page.plane is None or PLANE_FILE not in run.calibration_files
+        else read_creation_time(run.calibration_path(PLANE_FILE)),
         **page.shown,
     }
     write_page(run.path / REPORT_FILE, page.template, shown)

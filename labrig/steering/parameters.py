@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field
 
@@ -90,8 +90,12 @@ class SteeringPolicy(Model):
     """Replan after this much insertion [mm]."""
     deviation_mm: NonNegativeMm | None = 0.4
     """Replan if the rest of the path would miss by more; null: never for that reason [mm]."""
+    DEVIATION_SHARE: ClassVar[float] = 0.02
+    """The rest of the path may miss by this share of its length more."""
     near_mm: NonNegativeMm = 30.0
     """Replan for a smaller miss if no more than this is left [mm]."""
+    NEAR_DEVIATION_MM: ClassVar[float] = 0.2
+    """That smaller miss."""
     final_mm: NonNegativeMm = 8.0
     """Take the path that comes nearest to the target, anew at every picture, if no more than this is left [mm]."""
     backlash_mm: NonNegativeMm = 1.5

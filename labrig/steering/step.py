@@ -33,8 +33,6 @@ LEAD_MM = 0.2
 
 # The needle stops when less than this is left of the path.
 _ARRIVAL_MM = 0.05
-DEVIATION_SHARE, NEAR_DEVIATION_MM = 0.02, 0.2
-"""The rest of the path may miss by the policy's deviation and this share of its length; near its end by this."""
 
 
 def start_steering(
@@ -94,8 +92,8 @@ def _find_occasion(state: SteeringState, settings: SteeringSettings) -> Occasion
 
 def _find_deviation(state: SteeringState, settings: SteeringSettings, deviation_mm: float) -> Occasion | None:
     """Return the occasion to replan if the rest of the path would miss or come too close to an obstacle, or None."""
-    near = state.left_mm <= settings.policy.near_mm
-    limit_mm = NEAR_DEVIATION_MM if near else deviation_mm + DEVIATION_SHARE * state.left_mm
+    policy, near = settings.policy, state.left_mm <= settings.policy.near_mm
+    limit_mm = policy.NEAR_DEVIATION_MM if near else deviation_mm + policy.DEVIATION_SHARE * state.left_mm
     miss_mm, gap_mm = predict_miss_and_gap(state, settings)
     if miss_mm > limit_mm or gap_mm < settings.problem.clearance_mm:
         return "near" if near else "deviation"

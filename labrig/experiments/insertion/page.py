@@ -23,7 +23,6 @@ from labrig.record.reader import Run
 from labrig.report.film_pictures import Stroke
 from labrig.report.page import Page, read_world
 from labrig.report.pictures import PLATE, Plate, map_path, photograph, pixel, polyline, scale_bar
-from labrig.steering import step
 from labrig.vision.out_of_plane import Perspective
 from labrig.vision.plane import PlaneMap
 
@@ -71,7 +70,6 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
         "degrees": math.degrees,
         "noise_told": describe_nis(noise),
         "ending": ending,
-        "step": step,
         "radius_told": describe_radius(noise, content.settings),
     }
     return Page(TEMPLATE, plane, parts)

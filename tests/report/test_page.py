@@ -17,7 +17,7 @@ from tests.pages import write_page
 from tests.report.conftest import HOSTILE, WrittenPage, make_page
 
 VOID = {"meta", "br", "wbr", "img", "link", "input", "hr"}
-READING = r"the reading of its end, about half the length over which it fades in the picture 0\.0\d+ 0\.\d+"
+READING = r"for the place of a tip, also how far off its end may be read: .* over which it fades in the picture 0\.0\d+ 0\.\d+"
 
 
 class _Elements(HTMLParser):
@@ -111,7 +111,7 @@ def test_what_people_wrote_is_text(tmp_path: Path) -> None:
         ("Every final picture", r" z y 5 mm .*trial 1, hole 1"),
         ("Refused pictures", r"10\.0 3 Of 1\d\.\d mm of needle"),
         ("How sure", r"surface refraction at the gel's surface, and at glass before it not known not known"),
-        ("How sure", f"fit scatter of the edges about the fit; of a tip, {READING}"),
+        ("How sure", f"fit scatter of the edges about the fit; {READING}"),
         ("Provenance", r"recorded with labrig .* measured with labrig .* analysis/001.* scale at the sheath's tip"),
         ("In full", r"window_start_mm 4 .* SHA-256 of what the record holds .* Devices "),
         ("In full", r"exposure_s 0\.01"),

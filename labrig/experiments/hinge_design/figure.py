@@ -32,8 +32,8 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
         figure = Figure(figsize=(9.6, 3.8), layout="constrained")
         along, across, detail = figure.subplots(1, 3, width_ratios=(1, 1, 1.8))
         for axes, links, title in (
-            (along, hinge.links, "Hinge a: pin towards you"),
-            (across, hinge.section(0.0), "Hinge b: pin sideways"),
+            (along, hinge.links, "Hinge a, from the side"),
+            (across, hinge.section(0.0), "Hinge b, cut at its axis"),
             (detail, hinge.links, "Schematic: the cut of hinge a"),
         ):
             _draw_links(axes, links)

@@ -17,7 +17,7 @@ from tests.pages import write_page
 from tests.report.conftest import HOSTILE, WrittenPage, make_page
 
 VOID = {"meta", "br", "wbr", "img", "link", "input", "hr"}
-READING = r"for the place of a tip, also how far off its end may be read: .* over which it fades in the picture 0\.0\d+ 0\.\d+"
+READING = r"for the place of a tip, also how far off its end may be read: .* over which it fades in .* 0\.0\d+ 0\.\d+"
 
 
 class _Elements(HTMLParser):

@@ -219,12 +219,13 @@ def _read_rows(runs: Sequence[Measured], quantity: str) -> pd.DataFrame:
         accepted = rows["left_out"].isna() & np.isfinite(value)
         if "accepted" in rows:
             accepted &= rows["accepted"].astype("boolean").fillna(value=False)
+        if "refused" in rows and quantity.endswith("error_mm"):
+            # How far from its target a needle was broken off is no error of its way.
+            accepted &= rows["outcome"].ne("stopped") & rows["refused"].isna()
         tables.append(rows.assign(value=value.astype("float64").where(accepted)))
     joined = join_measurements(tables)
     if joined.empty or joined["value"].isna().all():
-        raise InputError(
-            f"no measurement of {quantity} was accepted", "labrig report shows why each was refused"
-        )
+        raise InputError(f"no measurement of {quantity} was accepted", "labrig report shows why")
     return joined
 
 

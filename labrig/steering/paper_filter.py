@@ -32,8 +32,7 @@ def step_paper_filter(state: TipState, observation: TipObservation, settings: Es
     p_euler = to_angles @ state.covariance[ORIENTATION, ORIENTATION] @ to_angles.T
     turning = np.diag((1.0, 0.0, 0.0) if settings.planar else (1.0, 1.0, 1.0))
     p_euler = p_euler + settings.process_sd_rad_per_root_mm**2 * observation.step_mm * turning  # (21)
-    curvature = state.curvature if observation.bends else 0.0
-    bend, advance = step_frame(0.0, observation.step_mm, curvature)
+    bend, advance = step_frame(0.0, observation.step_mm, state.curvature if observation.bends else 0.0)
     position, nis = state.position_mm + rotation_from_euler(angles) @ advance, None  # (16)
     if observation.position_mm is not None:
         angles, p_euler, nis = _update(angles, p_euler, advance, observation.position_mm - position, settings)

@@ -129,6 +129,17 @@ def test_the_interval_of_a_distance_begins_at_zero(tmp_path):
     assert ends == [(0.0, pytest.approx(0.5 + 12.706 * 0.4, rel=1e-3)), (0.0, pytest.approx(0.885, abs=1e-3))]
 
 
+def test_how_far_from_its_target_a_needle_was_broken_off_is_no_error(tmp_path):
+    """One that was stopped on the way, or had no path left, counts as refused; a miss has its error."""
+    errors = {SOFT: (1.0, 3.0, 80.0, 60.0), HARD: (1.0,)}
+    (run,), _ = open_measured_runs([write_measured_run(tmp_path, "a", errors, quantity="target_error_mm")])
+    rows = run.tables["measurements"]
+    outcome, refused = np.where(rows["trial"] == 3, "stopped", "missed"), rows["trial"].map({2: "blocked"})
+    rows = rows.assign(outcome=outcome, refused=refused)
+    soft = compare_runs([replace(run, tables={"measurements": rows})]).comparison.groups[0]
+    assert (soft.n, soft.refused, soft.mean) == (2, 2, 2.0)
+
+
 @pytest.mark.parametrize(("low_mm", "told"), [(0.9, "cannot be told apart: "), (1.1, "insertions differ: ")])
 def test_insertions_are_told_apart_by_their_intervals_in_space(tmp_path, low_mm, told):
     """Not by what the shaft says in the plane; the figure has an axis of that name, and letters for long names."""

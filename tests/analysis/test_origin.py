@@ -114,8 +114,7 @@ def test_tip_is_told_from_the_origin_of_its_trial():
     (found,) = origins([draw_sheath(20, turned_deg=3.0)])
     heading = found.heading_rad
     along = np.array([np.sin(heading), np.cos(heading)])
-    aside = np.array([np.cos(heading), -np.sin(heading)])
-    tip = np.array(found.tip_mm) + 30.0 * along - 4.0 * aside
+    tip = np.array(found.tip_mm) + 30.0 * along - 4.0 * np.array([np.cos(heading), -np.sin(heading)])
     measured = picture(0).model_copy(update={"tip_mm": tuple(tip.tolist())})
     shifted = complete_picture(measured, found, None)
     assert shifted.tip_from_origin_mm == pytest.approx((-4.0, 30.0))

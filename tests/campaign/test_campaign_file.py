@@ -118,8 +118,7 @@ def test_the_measure_is_that_of_the_experiment_unless_the_campaign_names_another
 
 def test_the_committed_schema_is_the_models() -> None:
     """protocols/campaign.schema.json is what labrig init writes."""
-    committed = PROTOCOLS / "campaign.schema.json"
-    assert committed.read_text(encoding="utf-8") == schema_text(campaign_schema())
+    assert (PROTOCOLS / "campaign.schema.json").read_text(encoding="utf-8") == schema_text(campaign_schema())
 
 
 @pytest.mark.parametrize("path", sorted(PROTOCOLS.glob("campaign-*.yaml")), ids=lambda path: path.stem)

@@ -450,8 +450,7 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
 def test_a_failed_run_goes_on(name: str, before: list[str], labrig: Labrig, tmp_path: Path) -> None:
     """A run that failed on a restarted drive, in a trial or before, prints what resumes it; resumed, it ends well."""
     fault = ("--set", "rig.faults=[{fault: boot-up, axis: linear, at_s: 6, once: moving}]")
-    words = (*of_protocol(name), "--runs-dir", tmp_path, "--run-name", "a run")
-    failed = labrig("run", *words, *fault)
+    failed = labrig("run", *of_protocol(name), "--runs-dir", tmp_path, "--run-name", "a run", *fault)
     assert failed.exit_code == 3
     assert "nothing is to be taken out" in failed.err
     assert f"continue it: labrig resume '{tmp_path}/a run'" in failed.err

@@ -86,8 +86,7 @@ def _parse(words: list[str]) -> None:
     while hasattr(command, "commands") and words and not words[0].startswith("-"):
         assert words[0] in command.commands, f"no command {words[0]}"
         command, words = command.commands[words[0]], words[1:]
-    context = typer.Context(command, info_name="labrig")
-    _, left, _ = command.make_parser(context).parse_args(list(words))
+    _, left, _ = command.make_parser(typer.Context(command, info_name="labrig")).parse_args(list(words))
     assert left == [], f"nothing takes {left}"
 
 

@@ -432,8 +432,7 @@ class Bar:
         across = np.abs(down * np.cos(self.angle_rad) - right * np.sin(self.angle_rad))
         along = np.abs(right * np.cos(self.angle_rad) + down * np.sin(self.angle_rad))
         inside_mm = np.minimum(0.5 * self.width_mm - across, 0.5 * self.length_mm - along)
-        cover = np.clip(0.5 + inside_mm * camera.px_per_mm, 0.0, 1.0) * self.opacity
-        image += cover * (self.level - image)
+        image += np.clip(0.5 + inside_mm * camera.px_per_mm, 0.0, 1.0) * self.opacity * (self.level - image)
 
 
 @dataclass(frozen=True)

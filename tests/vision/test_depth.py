@@ -100,8 +100,7 @@ def test_where_the_tip_was_seen_on_the_way_tells_depth_from_slip(x_mm, slip, zer
     """The end is known twice as well then, within three standard deviations; a tip seen beside the shaft is none."""
     needle = deep(x_mm=x_mm)
     seen = needle.path_mm()[:: round(2.0 / STEP_MM)]
-    inserted = zero_mm + 2.0 * np.arange(len(seen)) / (1.0 - slip)
-    way_mm = np.column_stack((inserted, -seen[:, 1], seen[:, 0]))
+    way_mm = np.column_stack((zero_mm + 2.0 * np.arange(len(seen)) / (1.0 - slip), -seen[:, 1], seen[:, 0]))
     way_mm[20] += (0.0, 3.0, -5.0)
     inserted_mm = zero_mm + needle.length_mm / (1.0 - slip)
     alone, depth = measure(needle, 5.0, inserted_mm), measure(needle, 5.0, inserted_mm, way_mm=way_mm)

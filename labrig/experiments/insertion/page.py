@@ -53,6 +53,8 @@ class ShownInsertion:
     trial: InsertionTrial
     panels: tuple[Panel, ...]
     figure: Markup | None
+    planned_mm: float | None
+    """How far from the target its last path was planned to end."""
 
 
 def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult]) -> Page:
@@ -110,7 +112,7 @@ def _draw_insertion(
         inserted = f"{trial.length_mm or 0.0:.1f} mm inserted, {at_s:.0f} s"
         title = inserted if final == trial.final_frame else "not inserted"
         panels += _draw_panel(run, final, strokes, scene.plane, (title, trial.stop))
-    return ShownInsertion(trial, tuple(panels), figure)
+    return ShownInsertion(trial, tuple(panels), figure, plans[-1].plan.target_error_mm if plans else None)
 
 
 def _draw_end(trial: InsertionTrial, scene: Scene) -> Iterator[Stroke]:

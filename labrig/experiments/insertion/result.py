@@ -112,6 +112,7 @@ class InsertionRow(Model):
     target_error_interval_mm: Point | None = None
     target_error_interval_by: EndSource | None = None
     unmeasured: str | None
+    refused: RefusalCause | None = None
     template_error_mm: float | None
     true_target_error_mm: float | None
     true_min_clearance_mm: float | None
@@ -154,7 +155,6 @@ class InsertionTrial(InsertionRow):
     target_error_interval_tip_mm: Point | None = None
     target_error_sources_mm: TargetErrorSources | None = None
     depth: EndDepth | None = None
-    refused: RefusalCause | None = None
     true_path_mm: tuple[tuple[float, float, float], ...]
     true_target_mm: tuple[float, float, float] | None = None
     true_obstacles: tuple[TrueObstacle, ...] = ()
@@ -250,8 +250,8 @@ def describe_radius(noise: Mapping[str, Any] | None, settings: Mapping[str, Any]
     mm, sd_mm = (noise or {}).get("radius_mm"), (noise or {}).get("radius_sd_mm")
     if mm is None or sd_mm is None or abs(mm - stated_mm) < 3.0 * math.hypot(sd_mm, stated_sd_mm):
         return None
-    bent = f"The needle bent with a radius of {mm:.1f} mm (SD {sd_mm:.1f} mm) by the sightings"
-    return f"{bent}, where the protocol states {stated_mm:g} mm"
+    stated = f"{stated_mm:g} mm (SD {stated_sd_mm:g} mm)" if stated_sd_mm else f"{stated_mm:g} mm"
+    return f"By the sightings the bending radius is {mm:.1f} mm (SD {sd_mm:.1f} mm); the protocol states {stated}"
 
 
 def describe_nis(noise: Mapping[str, Any] | None) -> str | None:

@@ -71,8 +71,7 @@ def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_p
     assert len(plane.map_by_variants([(0.0, 0.0)])["surface"]) == 2
     assert content.plane is not None
     assert content.plane["assumptions"] == list(plane.gel.assumptions())
-    on_paper = plane.at_paper().to_mm([(320.0, 200.0), (321.0, 200.0)])
-    assert plane.mm_per_px > 1.02 * np.ptp(on_paper[:, 1])
+    assert plane.mm_per_px > 1.02 * np.ptp(plane.at_paper().to_mm([(320.0, 200.0), (321.0, 200.0)])[:, 1])
 
 
 def test_a_scale_five_times_that_of_the_rig_is_refused(tmp_path: Path) -> None:

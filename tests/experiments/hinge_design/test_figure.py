@@ -14,8 +14,7 @@ KEPT = ROOT / "tests" / "records" / "design" / "analysis" / "001" / "result.json
 
 def test_the_design_stands_among_both_planes_with_its_radius() -> None:
     """The legend tells our contour from equation (3); the star is the design, and the right axis tells radii."""
-    study = DesignResult.model_validate_json(KEPT.read_text(), strict=False)
-    drawn = draw_hinge_figure(study, "rotations")
+    drawn = draw_hinge_figure(DesignResult.model_validate_json(KEPT.read_text(), strict=False), "rotations")
     for words in ("equation (3)", "our contour", "this design", "radius (mm)"):
         assert words in drawn
     (axes,) = drawn.figure.axes

@@ -216,8 +216,7 @@ def test_target_and_obstacles_are_planned_with_where_their_markers_are() -> None
     assert [ball.position_mm[1] for ball in beside.problem.obstacles] == pytest.approx([9.0, 12.8])
     grown = Surroundings(beside.problem).keep_off_mm - Surroundings(settings.problem).keep_off_mm
     assert grown == pytest.approx([0.0, 2.0 * 0.1])
-    way = [(float(mm), (-20.0 + 0.9 * mm, 30.0)) for mm in range(12)]
-    inside, halt = follow(*way).place(beside, AIM)
+    inside, halt = follow(*((float(mm), (-20.0 + 0.9 * mm, 30.0)) for mm in range(12))).place(beside, AIM)
     assert halt is not None
     assert (halt.reason, "target lies inside obstacle 1" in halt.detail) == ("blocked", True)
     assert inside.problem.target_mm == beside.problem.target_mm

@@ -310,8 +310,7 @@ def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
     y_mm, z_mm = origin["tip_mm"]
     assert plan["start_mm"][1:] == pytest.approx((y_mm, z_mm + 1.5), abs=0.1)
     drawn = run.frame_table[run.frame_table["role"] == "plan"]["frame"].iloc[-1]
-    purple = np.abs(run.pictures[int(drawn)].astype(int) - (167, 121, 204)).max(axis=2) < 30
-    assert purple.sum() > 30
+    assert (np.abs(run.pictures[int(drawn)].astype(int) - (167, 121, 204)).max(axis=2) < 30).sum() > 30
 
 
 def test_target_and_obstacles_may_be_picked_on_a_picture_and_the_replay_is_identical(tmp_path: Path) -> None:

@@ -155,7 +155,7 @@ def compare_runs(
     insertions = _name_insertions(counted, simulated)
     made = counted.groupby(["group", "block", insertions], sort=False, dropna=False)["value"].mean()
     units = made.groupby(["group", "block" if unit == "specimen" else "insertion"], sort=False).mean()
-    shared = _find_shared(counted, unit, wanted, used)
+    shared = _find_shared(counted.assign(insertion=insertions), unit, wanted, used)
     least = 0.0 if wanted.endswith("error_mm") and units.min() >= 0.0 else -math.inf
     groups = tuple(
         _summarise(str(name), part, units.get(name, units[:0]), _total(shared.get(name)), least)
@@ -233,7 +233,7 @@ def _find_shared(rows: pd.DataFrame, unit: Unit, quantity: str, runs: Sequence[M
     """Return what each calibration, mounting of the needle and lamp contributes to the mean of each group.
 
     The error of one origin is the same in all its measurements, so that its standard deviations add up, not their
-    squares; the weight of a measurement is its part of the mean.
+    squares; the weight of a measurement is its part of the mean, in which each `insertion` counts once.
 
     Returns
     -------
@@ -247,11 +247,11 @@ def _find_shared(rows: pd.DataFrame, unit: Unit, quantity: str, runs: Sequence[M
     )
     mounting = rows["run"] + "/" + rows.get("needle_id", rows["run"]).astype(str)
     origins = {"lens": lens, "plane": plane, "surface": plane, "roll": mounting, "lighting": rows["run"]}
-    of_group = rows.groupby("group")
-    parts = of_group["value"].transform("size")
+    within = ["group", "block"] if unit == "specimen" else ["group"]
+    parts = rows.groupby(within)["insertion"].transform("nunique")
+    parts *= rows.groupby([*within, "insertion"])["value"].transform("size")
     if unit == "specimen":
-        blocks = of_group["block"].transform("nunique")
-        parts = rows.groupby(["group", "block"])["value"].transform("size") * blocks
+        parts *= rows.groupby("group")["block"].transform("nunique")
     sums = {
         source: (rows.get(f"sigma_{stem}_{source}_mm", math.nan) / parts)
         .groupby([origin, rows["group"]])

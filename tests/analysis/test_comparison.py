@@ -175,8 +175,10 @@ def test_an_insertion_that_one_run_repeats_weighs_no_more_in_its_block(tmp_path)
     """The block's mean is that of its insertions, 28 and 29 mm, not of three measurements."""
     drawn = {SOFT: (28.0, 29.0), ("gel C", 10.0): (28.0,), HARD: (27.0,), ("gel D", 19.0): (27.0,)}
     whole = write_measured_run(tmp_path, "a", drawn, rig="simulated")
-    again = write_measured_run(tmp_path, "b", {SOFT: (28.0,)}, rig="simulated")
-    assert _compare(whole, again).comparison.groups[0].mean == pytest.approx((28.5 + 28.0) / 2)
+    again = write_measured_run(tmp_path, "b", {SOFT: (28.0,)}, rig="simulated", plane=b"{ }")
+    soft = _compare(whole, again).comparison.groups[0]
+    assert soft.mean == pytest.approx((28.5 + 28.0) / 2)
+    assert soft.shared_sigma["plane"] == pytest.approx(0.04 * math.hypot(7 / 8, 1 / 8))  # of two maps
 
 
 def test_groups_can_be_made_by_any_field(tmp_path):

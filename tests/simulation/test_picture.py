@@ -142,8 +142,7 @@ def test_a_withdrawn_needle_leaves_a_faint_track_that_moves_with_the_gel() -> No
     withdraw(world)
     world.shift_to_hole("A", 1, 45.0)
     shifted = line + np.array([10.0, 0.0])
-    seen = plane_to_pixels(shifted, QUIET.lens)[:, 1] > 25
-    mean = profiles(world.picture(), shifted[seen]).mean(axis=0)
+    mean = profiles(world.picture(), shifted[plane_to_pixels(shifted, QUIET.lens)[:, 1] > 25]).mean(axis=0)
     around = mean[np.abs(OFFSETS_MM) > 0.8].mean()
     assert 0.85 * around < mean[np.abs(OFFSETS_MM) < 0.1].mean() < 0.98 * around
     assert np.ptp(profiles(world.picture(), line).mean(axis=0)) < 8

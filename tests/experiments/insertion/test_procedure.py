@@ -156,8 +156,7 @@ def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived:
     protocol, rig = load_run_protocol(run), large_rig()
     assert isinstance(protocol, InsertionProtocol)
     every_mm = protocol.insertion.frame_every_mm
-    period_s = 1 / rig.recording.state_rate_hz + 1 / rig.camera.rate_hz
-    passed_mm = protocol.insertion.speed_mm_s * period_s
+    passed_mm = protocol.insertion.speed_mm_s * (1 / rig.recording.state_rate_hz + 1 / rig.camera.rate_hz)
     window_mm = rig.axes.insertion.position_window
     frames = run.frame_table[run.frame_table["role"] == "observe"]
     depths = frames["insertion_mm"].to_numpy()

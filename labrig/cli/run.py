@@ -50,8 +50,7 @@ def run(
     if yes and (description := sources.load()[1]) is not None and description.asks_person:
         say("note: --yes answers only for a simulated rig without clock: real; every question is asked")
     attendant = TerminalAttendant(live)
-    finished = make_run(sources, chosen.path, run_name, attendant=attendant)
-    return _end(finished, attendant, live)
+    return _end(make_run(sources, chosen.path, run_name, attendant=attendant), attendant, live)
 
 
 def resume(run_path: RunArgument, rig: RigOption = None, live: LiveOption = None) -> int:

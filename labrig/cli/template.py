@@ -88,9 +88,9 @@ def _cut_from_run(
 
     run = open_run(folder)
     if frame is None:
-        shown = [line.frame for line in run.frame_lines if line.role in set(NeedleRole)]
+        shown = [line.frame for line in run.frame_lines if line.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}]
         if not shown:
-            raise InputError(f"{folder} holds no picture of a needle", "name the run of a sweep")
+            raise InputError(f"{folder} holds no final picture of a needle", "name another run, or --frame")
         frame = shown[-1]
     image, line = run.read_frame(frame), run.frame_lines[frame]
     plane, needle, side_px = load_plane_map(run), load_run_protocol(run).pictured_needle, _SIDE_PX

@@ -37,7 +37,7 @@ class OperatorRequest:
 
 
 class MountNeedle(OperatorRequest):
-    """Mount needle {needle_id} in the clamp."""
+    """Mount needle {needle_id} in the clamp; leave it if it is there."""
 
     needle_id: str
 

@@ -106,8 +106,7 @@ def jog(rig: Rig, name: str, distance: float, speed: float | None = None) -> Che
             f"at most {FARTHEST[axis.unit]:.4g}",
             f"ask for less, or first: labrig devices home --axis {name} {rig.description.option}",
         )
-    what = f"move by {distance:g} {axis.unit} at {chosen:g} {axis.unit}/s"
-    _confirm(rig, ConfirmMotion(name, what))
+    _confirm(rig, ConfirmMotion(name, f"move by {distance:g} {axis.unit} at {chosen:g} {axis.unit}/s"))
     before = axis.read().position
     axis.start_jog(distance, chosen)
     went = _wait_for(rig, name) - before

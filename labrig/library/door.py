@@ -57,8 +57,7 @@ def open_run(run: AnyRun, *, runs_dir: Path | str | None = None) -> Run:
     """
     if isinstance(run, Run):
         return run
-    folder = _find_runs_dir(runs_dir)
-    return open_run_folder(require_run_folder(Path(run), folder))
+    return open_run_folder(require_run_folder(Path(run), _find_runs_dir(runs_dir)))
 
 
 def run(

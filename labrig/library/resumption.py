@@ -79,7 +79,7 @@ def resume_run(
         raise FileFormatError(plan.problems)
     if not plan.trials:
         return finish(_close_without_rig(run, past, command_line), experiment, command_line, attendant)
-    told = f"{path}: {format_count(past.kept, 'trial')} kept, {plan.trials} left"
+    told = f"{path}: {format_count(past.kept, 'trial')} ended before, {plan.trials} left"
     for lost in (trial.start.trial for trial in past.begun if trial.stop is None):
         told += f"; trial {lost + 1} was interrupted and is made again"
     attendant.say(f"{told}; the protocol is that of its record")
@@ -92,8 +92,7 @@ def resume_run(
 
     order = RunOrder(experiment, recorded, description, path.parent, path.name, command_line, {})
     go_on = partial(conduct, experiment, recorded, past=past)
-    ended = record_on_rig(order, plan, attendant, begin, go_on)
-    return finish(ended, experiment, command_line, attendant)
+    return finish(record_on_rig(order, plan, attendant, begin, go_on), experiment, command_line, attendant)
 
 
 def _reopen_record(

@@ -156,13 +156,14 @@ def _follow(
         for at_mm, arc in zip(ends_mm[:-1], plan.arcs, strict=True)
         if abs(math.sin(arc.roll_rad / 2)) > NO_TURN
     )
+    end_mm = float(ends_mm[-1]) if plan.arcs else _find_nearest_mm(state, from_mm, settings)
     return replace(
         state,
         plan=plan,
         plan_start=np.asarray(problem.start),
         plan_from_mm=from_mm,
         ahead=turns,
-        end_mm=float(ends_mm[-1]) if plan.arcs else _find_nearest_mm(state, from_mm, settings),
+        end_mm=min(end_mm, settings.problem.max_length_mm),
         replans=state.replans + 1,
         followed_mm=state.insertion_mm,
     )

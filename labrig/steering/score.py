@@ -47,8 +47,7 @@ def find_cheapest(costs: FloatArray) -> int:
 
 def _join(families: Sequence[FloatArray]) -> FloatArray:
     """Return the paths of all families, with empty arcs at their ends so that all have as many."""
-    arcs = max(family.shape[1] for family in families)
-    psi = np.zeros((sum(map(len, families)), arcs, 2))
+    psi = np.zeros((sum(map(len, families)), max(family.shape[1] for family in families), 2))
     first = 0
     for family in families:
         psi[first : first + len(family), : family.shape[1]] = family

@@ -45,8 +45,7 @@ def print_table() -> None:
 
 def _row(what: str, value: float, known: float, sigma: float, digits: int) -> list[object]:
     """Return a parameter beside a known one."""
-    off = f"{(value - known) / sigma:+.2f} sigma"
-    return [what, f"{value:.{digits}f}", f"{known:.{digits}f}", off, "2"]
+    return [what, f"{value:.{digits}f}", f"{known:.{digits}f}", f"{(value - known) / sigma:+.2f} sigma", "2"]
 
 
 def _check_sigma(name: str, folder: Path) -> list[list[object]]:
@@ -68,9 +67,8 @@ def _check_sigma(name: str, folder: Path) -> list[list[object]]:
     jackknife = (count - 1) / count * spread.T @ spread
     sigma, spread_px = whole.sigma["fx"] or np.nan, float(np.sqrt(jackknife[0, 0]))
     by_jackknife = measure_effect(replace(whole, covariance=tuple(map(tuple, jackknife.tolist()))))
-    verdict = "accepted" if whole.accepted else "refused"
     rows: list[list[object]] = [
-        [f"{name} set", verdict, "accepted", "", "accepted"],
+        [f"{name} set", "accepted" if whole.accepted else "refused", "accepted", "", "accepted"],
         [f"{name} set, sigma of fx, px; jackknife", f"{sigma:.2f}", f"{spread_px:.2f}", "", "1.5 times"],
     ]
     if whole.effect is not None and by_jackknife is not None:

@@ -131,8 +131,7 @@ class OneDrive:
 
     def reopen(self, **changes: object) -> Cia402Drive:
         """Return another driver, with changes in its section."""
-        section = self.driver.section.model_copy(update=changes)
-        return Cia402Drive(self.link, section, "insertion", self.clock)
+        return Cia402Drive(self.link, self.driver.section.model_copy(update=changes), "insertion", self.clock)
 
 
 @contextmanager

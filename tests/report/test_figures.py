@@ -135,6 +135,5 @@ def test_a_line_lies_where_it_was_measured_in_the_reduced_picture() -> None:
     assert abs(rows.mean() - 150) < 0.5
     assert [int(columns.min()), int(columns.max())] == pytest.approx([96, 864], abs=2)
     strip = drawn[300:].astype(int)
-    is_key = strip[..., 2] - strip[..., 0] > 100
-    caption, key = np.nonzero(strip.min(axis=2) > 150)[1], np.nonzero(is_key)[1]
+    caption, key = np.nonzero(strip.min(axis=2) > 150)[1], np.nonzero(strip[..., 2] - strip[..., 0] > 100)[1]
     assert 0 < caption.max() < key.min()

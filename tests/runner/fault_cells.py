@@ -229,11 +229,10 @@ class Cell:
 
     def write(self, axis: str, *values: tuple[Place, int]) -> None:
         """Write objects of an axis' drive by SDO, as another program on the bus does."""
-        node = self.hardware.drives[axis].node_id
         for place, value in values:
             data = _OBJECTS[place].encode_raw(value)
             head = struct.pack("<BHB", 0x23 | (4 - len(data)) << 2, *place)
-            self.send((0x600 + node, head + data.ljust(4, b"\0")))
+            self.send((0x600 + self.hardware.drives[axis].node_id, head + data.ljust(4, b"\0")))
 
     def put(self, axis: str, *values: tuple[Place, int]) -> None:
         """Change objects inside a drive: no frame tells of it."""

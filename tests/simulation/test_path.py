@@ -35,8 +35,7 @@ def cut(*pieces: tuple[float, float], heading_rad: float = 0.0, unevenness: Unev
 
 def heading_of_closing_hinges(arc_mm: float) -> float:
     """Return the heading when curvature grows linearly to -1/r over the closing length."""
-    closed = max(0.0, arc_mm - CLOSING_MM)
-    return -(min(arc_mm, CLOSING_MM) ** 2 / (2 * CLOSING_MM) + closed) / RADIUS_MM
+    return -(min(arc_mm, CLOSING_MM) ** 2 / (2 * CLOSING_MM) + max(0.0, arc_mm - CLOSING_MM)) / RADIUS_MM
 
 
 @pytest.mark.parametrize(("roll_rad", "side"), [(0.0, 1.0), (PI, -1.0)])

@@ -164,6 +164,13 @@ def test_without_a_path_nothing_moves(change, stop, word):
     assert command.run_to_mm == 0.0
 
 
+def test_no_path_ends_beyond_the_longest_insertion():
+    """Not where a turn would act beyond it either, near the target, as with a needle that slips."""
+    near = next(one for one in drive(DrivenNeedle(RADIUS_MM, **PLAY), settings()).states if one.left_mm < 4.0)
+    short = replace(PLANAR, max_length_mm=near.insertion_mm + 0.3)
+    assert replan(near, "near", settings(short)).end_mm <= short.max_length_mm
+
+
 @pytest.mark.parametrize("target_y_mm", [0.0, 15.0])
 def test_paths_do_not_lead_far_aside(target_y_mm):
     """The heading stays within the policy's cap, except for its error and its lag."""

@@ -297,8 +297,7 @@ def test_what_the_camera_or_a_person_does_not_see_stops_the_insertion(
 def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
     """The path starts at the sheath's true pose, with its play of half a millimetre and a degree."""
     play = ("world.sheath.lateral_play_sd_mm=0.4", "world.sheath.angle_play_sd_deg=0.7")
-    protocol = insertion("target.position_mm=[0,-3,25]")
-    outcome, run = conduct_insertion(tmp_path, protocol, (*EVEN[:2], *play))
+    outcome, run = conduct_insertion(tmp_path, insertion("target.position_mm=[0,-3,25]"), (*EVEN[:2], *play))
     assert outcome.exit_status == "success"
     (origin,), plan = events(run, "origin"), events(run, "plan")[1]
     assert origin["accepted"]

@@ -88,7 +88,7 @@ def _cut_from_run(
 
     run = open_run(folder)
     if frame is None:
-        shown = [line.frame for line in run.frame_lines if line.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}]
+        shown = [one.frame for one in run.frame_lines if one.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}]
         if not shown:
             raise InputError(f"{folder} holds no final picture of a needle", "name another run, or --frame")
         frame = shown[-1]

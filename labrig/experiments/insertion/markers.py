@@ -176,8 +176,7 @@ class FollowedMarkers:
             pairs = zip(self.sought[0].markers, last, found, strict=True)
             markers = tuple(self._follow(*pair, advanced_mm, halts) for pair in pairs)
         event = MarkersSought(trial=trial, frame=frame, depth_mm=depth_mm, markers=markers)
-        halt = self.halt or next(iter(halts), None)
-        return replace(self, sought=(*self.sought, event), halt=halt)
+        return replace(self, sought=(*self.sought, event), halt=self.halt or next(iter(halts), None))
 
     def place(self, settings: SteeringSettings, aim: Aim) -> tuple[SteeringSettings, Halt | None]:
         """Return the settings with target and obstacles where they are now, and why the needle has to stop.

@@ -239,7 +239,7 @@ def _describe(
         pictures=round(share * (record.frames - record.drawn)),
         operator_steps=round(share * len(questions)),
         problems=tuple(problems),
-        refusal=Problem("target", error.message, error.hint) if error and sure else None,
+        refusal=Problem("target", f"in a rehearsal {error.message}", error.hint) if error and sure else None,
         warnings=tuple(dialogue.warnings),
         uses_calibration=record.sights > 0,
     )

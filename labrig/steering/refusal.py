@@ -44,15 +44,15 @@ def _explain_out_of_reach(around: Surroundings, distance: float) -> Refusal | No
         return f"the target lies {-z:.1f} mm behind the needle's tip", "out_of_reach", _AWAY
     inside_mm = radius_mm - math.hypot(lateral - radius_mm, z)
     if inside_mm > tolerance_mm:
-        inside = f"the target lies {inside_mm:.1f} mm inside the turning circle of {radius_mm:.1f} mm radius"
+        circle = f"the turning circle of {radius_mm:.1f} mm radius where a turn acts"
         by = f"by {inside_mm - tolerance_mm:.1f} mm or more, away from the middle of the circle"
-        return inside, "turning_circle", f"{_AWAY} {by}"
+        return f"the target lies {inside_mm:.1f} mm inside {circle}", "turning_circle", f"{_AWAY} {by}"
     if lateral - tolerance_mm > _widest_lateral_mm(z + tolerance_mm, radius_mm):
         beside = f"the target lies {lateral:.1f} mm beside the needle"
         return f"{beside}: the path would turn by more than 90 degrees", "out_of_reach", _AWAY
     if distance - tolerance_mm > problem.max_length_mm:
-        far = f"the target is {distance:.1f} mm away, and {problem.max_length_mm:g} mm are allowed"
-        return f"too long: {far}", "out_of_reach", _AWAY
+        far = f"the target is {distance:.1f} mm from where a turn acts, and {problem.max_length_mm:g} mm are left"
+        return f"too long: {far}", "out_of_reach", f"{_AWAY} or allow a longer path (max_length_mm)"
     return None
 
 

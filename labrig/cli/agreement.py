@@ -25,8 +25,7 @@ def print_agreement(found: Any, place: str, names: tuple[str, str]) -> None:
             print_line(f"  {name}: {shorten(str(shown), _WIDEST)}")
         if first.tolerance is not None:
             print_line(f"  they differ by {first.size:.3g}; {first.tolerance:.3g} is allowed")
-    by_share = sorted(found.shares.items(), key=lambda item: -item[1])
-    for quantity, share in by_share[:_MOST_QUANTITIES]:
+    for quantity, share in sorted(found.shares.items(), key=lambda item: -item[1])[:_MOST_QUANTITIES]:
         size, in_sd = found.largest[quantity], found.in_sd.get(quantity)
         part = f"{share:.2g} of its tolerance" if in_sd is None else f"{in_sd:.2g} of its standard deviation"
         print_line(f"  largest difference of {label_key(quantity)}: {size:.2g}, {part}")

@@ -10,7 +10,7 @@ from typer import Option
 from labrig.cli.options import RunArgument
 from labrig.cli.output import print_json, print_line, say, say_failure
 from labrig.cli.progress import show_working
-from labrig.cli.several_runs import report_damage, require_undamaged
+from labrig.cli.several_runs import note_writer, report_damage, require_undamaged
 from labrig.errors import InputError, Problem, RecordError
 from labrig.lab import EXPORTS, find_in_lab
 
@@ -67,6 +67,7 @@ def export(
                 for film in films:
                     write_film(folder, opened, film)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    note_writer(run)
     print_json({"run": str(run), "out": str(place), "files": files, "ok": not (damage or unfilmed)})
     for file in [""] if is_copy else files:
         print_line(f"{place}/{file}")

@@ -12,7 +12,7 @@ from typer import Option
 from labrig.cli.agreement import print_agreement
 from labrig.cli.options import RunsDirOption, RunsOrNoneArgument, WhereOption, WorkersOption
 from labrig.cli.output import print_line, print_table, say
-from labrig.cli.several_runs import Row, Work, add_damage, choose_runs, do_each, do_for_each_run
+from labrig.cli.several_runs import Row, Work, add_damage, choose_runs, do_each, do_for_each_run, note_writer
 from labrig.cli.signals import Interruption
 from labrig.errors import LabrigError, RecordError, WorkersError
 
@@ -110,6 +110,7 @@ def _show(path: Path, outcome: Any) -> Row:
             print_line(f"other settings gave other numbers{changed}")
         row |= {"verdict": str(found.verdict), "largest": found.largest}
         row["first_difference"] = None if first is None else {**asdict(first), "frame": frame}
+    note_writer(path)
     say(f"compare and export take the new result from now on; to write its page:\nlabrig report {path.name}")
     return add_damage(row, new["damage"])
 

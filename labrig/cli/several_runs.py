@@ -50,6 +50,15 @@ def add_damage(row: Row, damage: Sequence[Problem | str]) -> Row:
     return row if reason is None else {**row, "ok": False, "reason": reason}
 
 
+def note_writer(run: Path) -> None:
+    """Say who is still writing a run, of which only what it holds by now was used."""
+    from labrig.record.layout import run_lock
+    from labrig.record.lock import read_lock_owner
+
+    if (writer := read_lock_owner(run_lock(run))) is not None:
+        say(f"note: {writer} is still writing {run}; this is what it holds by now: do it again afterwards")
+
+
 def require_undamaged(run: Path, damage: Sequence[Problem], hint: str = "see: labrig runs check") -> None:
     """Refuse a damaged run. Raises `RecordError`, which names the first damaged place."""
     if damage:

@@ -81,7 +81,7 @@ def resume_run(
         return finish(_close_without_rig(run, past, command_line), experiment, command_line, attendant)
     told = f"{path}: {format_count(past.kept, 'trial')} ended before, {plan.trials} left"
     for lost in (trial.start.trial for trial in past.begun if trial.stop is None):
-        told += f"; trial {lost + 1} was interrupted and is made again"
+        told += f"; trial {lost + 1} has not ended and is made again"
     attendant.say(f"{told}; the protocol is that of its record")
     require_free_bytes(path, count_needed_bytes(plan, description))
 

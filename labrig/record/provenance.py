@@ -86,8 +86,7 @@ def digest_sources(package: Path = Path(__file__).parents[1]) -> str:
     their names by byte: the same for a checkout, a wheel and an installation of it.
     """
     listing = hashlib.sha256()
-    names = sorted(path.relative_to(package).as_posix() for path in package.rglob("*.*"))
-    for name in names:
+    for name in sorted(path.relative_to(package).as_posix() for path in package.rglob("*.*")):
         if name.endswith(_CODE) and not name.startswith(_NO_CODE) and "/." not in name:
             digest = hashlib.sha256((package / name).read_bytes()).hexdigest()
             listing.update(f"{digest}  {name}\n".encode())

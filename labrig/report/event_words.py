@@ -68,8 +68,7 @@ def list_decisions(run: Run) -> Rows:
 def _judge(kind: str, event: Mapping[str, Any]) -> Level:
     if kind in {"run_stop", "trial_stop"}:
         return "INFO" if event.get("exit_status") == "success" else "ERROR"
-    doubted = any(event.get(name) is False for name in ("accepted", "believed", "confirmed"))
-    if doubted or kind in _DECIDED:
+    if kind in _DECIDED or any(event.get(name) is False for name in ("accepted", "believed", "confirmed")):
         return "WARN"
     return "DEBUG" if kind in _DETAILS else "INFO"
 

@@ -203,8 +203,7 @@ def draw_interval(
         (at, cap, 8) if end == at else (at, arrow, 5)
         for end, at, arrow in zip(ends, shown, arrows, strict=True)
     )
-    parts = [(shown, "-", 0), *marks]
-    for along, style, size in parts:
+    for along, style, size in [(shown, "-", 0), *marks]:
         across = np.full_like(along, place)
         points = (across, along) if upright else (along, across)
         axes.plot(*points, style, color=colour, linewidth=width, markersize=size, clip_on=style == "-")

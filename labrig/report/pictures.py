@@ -92,8 +92,7 @@ def polyline(px: FloatArray) -> str:
 def circle(centre_mm: Sequence[float], radius_mm: float, plane: PlaneMap, points: int = 73) -> FloatArray:
     """Return the pixels (N, 2) of a circle of the steering plane, its first point again at the end."""
     angle = np.linspace(0.0, 2.0 * np.pi, points)
-    around = np.column_stack((np.cos(angle), np.sin(angle)))
-    return plane.to_px(np.asarray(centre_mm) + radius_mm * around)
+    return plane.to_px(np.asarray(centre_mm) + radius_mm * np.column_stack((np.cos(angle), np.sin(angle))))
 
 
 def map_path(path_mm: ArrayLike, true_mm: Sequence[float], mapped_mm: Sequence[float]) -> FloatArray:

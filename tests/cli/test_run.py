@@ -490,10 +490,11 @@ def test_what_has_changed_is_refused_with_the_difference(
 
 
 def test_a_run_that_is_being_written_is_not_continued(cut: Path, labrig: Labrig) -> None:
-    """Resuming a run that another process is writing exits with 3 and names the process."""
+    """Resuming a run that another process is writing exits with 3 and names the process; an export says so."""
     with FileLock(cut / ".lock").acquire("labrig run"):
-        done = labrig("resume", cut, "--json")
+        done, exported = labrig("resume", cut, "--json"), labrig("export", cut, "--out", cut.parent / "out")
     assert (done.exit_code, done.json()["error"]["type"]) == (3, "LockedError")
+    assert "note: labrig run (process" in exported.err
 
 
 def test_a_needle_of_a_run_that_cannot_be_continued_has_a_way_out(labrig: Labrig, tmp_path: Path) -> None:

@@ -93,12 +93,11 @@ def test_two_accounts_do_not_share_a_bus(tmp_path: Path) -> None:
 
 def test_a_labrig_that_does_not_end_is_named(tmp_path: Path) -> None:
     """It was asked to, by the signal for it; one that hangs keeps the rig, and the report says so."""
-    path = tmp_path / "state.json"
     with FileLock(tmp_path / "state.json.lock").acquire("labrig run other.yaml"):
         with subprocess.Popen(["sleep", "60"]) as other:
             owner = asdict(LockOwner("labrig run other.yaml", other.pid, os.uname().nodename))
             (tmp_path / "state.json.lock.owner").write_text(json.dumps(owner))
-            done = stop_rig(replace(TARGET, state_path=path), SimulatedClock())
+            done = stop_rig(replace(TARGET, state_path=tmp_path / "state.json"), SimulatedClock())
             assert other.wait(10) == -signal.SIGTERM
         assert done[0].startswith(f"asked labrig run other.yaml (process {other.pid}")
         assert done[0].endswith("to end, and it has not let go of the rig")

@@ -39,6 +39,7 @@ def export(
     from labrig.record.output_folder import copy_record, output_folder, require_apart
     from labrig.record.reader import open_run
 
+    note_writer(run)
     is_copy, opened = "record" in formats, open_run(run)
     tables = sorted({str(name) for name in formats if name not in {"record", "film"}})
     if is_copy and len(set(formats)) > 1:
@@ -67,7 +68,6 @@ def export(
                 for film in films:
                     write_film(folder, opened, film)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    note_writer(run)
     print_json({"run": str(run), "out": str(place), "files": files, "ok": not (damage or unfilmed)})
     for file in [""] if is_copy else files:
         print_line(f"{place}/{file}")

@@ -126,8 +126,7 @@ def tip(
         yield from (_format_pair(row["tip_px"]), _format_pair(row["tip_mm"]))
         yield from (_name_largest(row["tip_budget_mm"]), number(row["score"], 3))
 
-    heads = ("tip u, v px", "tip y, z mm", "mostly from", "score")
-    return _measure_each(images, measure, heads, list_cells)
+    return _measure_each(images, measure, ("tip u, v px", "tip y, z mm", "mostly from", "score"), list_cells)
 
 
 def _measure_each(

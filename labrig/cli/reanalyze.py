@@ -37,6 +37,8 @@ def reanalyze(
     from labrig.library import door
 
     runs = choose_runs(run_paths, where, runs_dir, "reanalyze")
+    for run in runs:
+        note_writer(run)
     overrides, attendant = tuple(settings or ()), TerminalAttendant()
     if len(runs) == 1 and workers is None:
         return do_for_each_run(
@@ -110,7 +112,6 @@ def _show(path: Path, outcome: Any) -> Row:
             print_line(f"other settings gave other numbers{changed}")
         row |= {"verdict": str(found.verdict), "largest": found.largest}
         row["first_difference"] = None if first is None else {**asdict(first), "frame": frame}
-    note_writer(path)
     say(f"compare and export take the new result from now on; to write its page:\nlabrig report {path.name}")
     return add_damage(row, new["damage"])
 

@@ -146,7 +146,6 @@ def encode_design_file(study: DesignStudy, provenance: Mapping[str, Any]) -> byt
     answer = study if study.basis == "equation (3)" else study.search
     assert answer.tolerance is not None
     assert answer.beta_cut_deg is not None
-    high_mm = _require_bounded_radius(answer.tolerance)
     design = NeedleDesign(
         kind="labrig-needle-design",
         schema_version=1,
@@ -155,7 +154,7 @@ def encode_design_file(study: DesignStudy, provenance: Mapping[str, Any]) -> byt
         beta_cut_deg=answer.beta_cut_deg,
         radius_mm=study.radius_mm,
         radius_low_mm=answer.tolerance.low_mm,
-        radius_high_mm=high_mm,
+        radius_high_mm=_require_bounded_radius(answer.tolerance),
         basis=study.basis,
         provenance=dict(provenance),
     )

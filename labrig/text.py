@@ -42,6 +42,7 @@ def round_up(value: float, decimals: int) -> str:
 _QUANTITIES = {
     "true_target_error": "true error at the target",
     "target_error": "error at the target",
+    "sigma_target_error_roll": "SD of the target error, by depth",
     "true_min_clearance": "true least clearance",
     "min_clearance": "least clearance",
     "worst_error": "largest error of one insertion",
@@ -64,6 +65,7 @@ def split_quantity(column: str) -> tuple[str, str | None]:
     parts = _WITH_UNIT.fullmatch(last)
     row, colon, name = (parts[1] if parts else last).rpartition(": ")
     words = re.sub(r"\bsd\b", "SD", name.replace("_", " ").replace("ci95", "95 % interval"))
+    words = re.sub("^sigma", "SD of the", words).replace("nis", "NIS")
     return row + colon + _QUANTITIES.get(name, words), _UNITS[parts[2]] if parts else None
 
 

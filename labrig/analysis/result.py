@@ -255,7 +255,7 @@ def list_values(content: Result) -> dict[str, Quantity]:
             for number, row in enumerate(
                 table.astype(object).where(table.notna(), None).to_dict("records"), 1
             ):
-                row_name = row["name"] if has_names else f"{name} {number}"
+                row_name = row["name"] if has_names else f"{name.removesuffix('s')} {number}"
                 values |= {f"{row_name}: {column}": cell for column, cell in row.items()}
     return values
 

@@ -149,8 +149,7 @@ def count_alike(texts: "pd.Series[str]") -> dict[str, int]:
 
 
 def _find_broken_off(table: pd.DataFrame) -> "pd.Series[bool]":
-    told = pd.Series(table.get(BROKEN_OFF, 0), table.index, dtype="boolean")
-    return told.fillna(value=False).astype(bool)
+    return pd.Series(table.get(BROKEN_OFF, 0), table.index, dtype="boolean").fillna(value=False).astype(bool)
 
 
 def find_failing(table: pd.DataFrame, measure: str) -> dict[str, NDArray[np.bool_]]:

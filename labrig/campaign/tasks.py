@@ -255,8 +255,7 @@ def _detach(rig: RigDescription) -> RigDescription:
             f"the rig {rig.name} is {rig.kind}, and a campaign moves simulated rigs only",
             "name a simulated rig as rig: in the campaign file",
         )
-    alone = rig.model_copy(update={"state_file": None, "clock": None})
-    return alone.placed_in(rig.folder.absolute())
+    return rig.model_copy(update={"state_file": None, "clock": None}).placed_in(rig.folder.absolute())
 
 
 def _hash_calibration(rig: RigDescription) -> dict[str, str]:

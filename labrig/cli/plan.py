@@ -1,5 +1,6 @@
 """`labrig plan`: plans a path for a scenario, without a rig."""
 
+from math import degrees
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,10 +48,10 @@ def _print(document: dict[str, Any]) -> None:
         print_line(f"no path: {document['reason']}")
         return
     rows = [
-        [place, number(arc["roll_rad"], 4), number(arc["angle_rad"], 4), number(arc["length_mm"], 2)]
-        for place, arc in enumerate(document["arcs"], start=1)
+        [no, f"{degrees(arc['roll_rad']):.1f}", f"{degrees(arc['angle_rad']):.1f}", f"{arc['length_mm']:.2f}"]
+        for no, arc in enumerate(document["arcs"], 1)
     ]
-    print_table(("arc", "turn rad", "angle rad", "length mm"), rows)
+    print_table(("arc", "turn degrees", "angle degrees", "length mm"), rows)
     x, y, z = document["tip_mm"]
     print_line(
         f"\n{format_count(len(rows), 'arc')}, {document['length_mm']:.1f} mm, tip at {x:.2f}, {y:.2f}, {z:.2f} mm, "

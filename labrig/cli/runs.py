@@ -111,7 +111,8 @@ def _print_about(run: Any) -> None:
     manifest, notes = run.manifest, run.annotations
     reason = f": {manifest['reason']}" if manifest.get("reason") else ""
     print_line(f"{run.path}: {manifest.get('experiment')}, {manifest['exit_status']}{reason}")
-    print_line(f"  {manifest.get('title')}, started {manifest.get('started')}, ended {manifest.get('ended')}")
+    ended = f", ended {manifest['ended']}" if manifest.get("ended") else ""
+    print_line(f"  {manifest.get('title')}, started {manifest.get('started')}{ended}")
     if run.checksum is not None:
         print_line(f"  checksum {run.checksum}")
     if notes.tags or notes.verdict:

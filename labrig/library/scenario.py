@@ -11,6 +11,7 @@ from labrig.protocol.yaml_file import load_yaml_model
 from labrig.steering.parameters import PlanMethod, PlanWeights
 from labrig.steering.problem import Obstacle, PlanProblem
 
+_OTHERS = {"experiment": ("this is a protocol, expected a scenario", "labrig check THIS_FILE plans its path")}
 Direction3: TypeAlias = tuple[float, float, float]
 
 
@@ -81,7 +82,7 @@ def load_scenario(path: Path | str) -> Scenario:
     FileFormatError
         With every problem of the file.
     """
-    return load_yaml_model(path, Scenario)
+    return load_yaml_model(path, Scenario, others=_OTHERS)
 
 
 def make_problem(scenario: Scenario) -> PlanProblem:

@@ -78,7 +78,6 @@ def check_run(run: Path) -> RunCheck:
                 damage.append(Problem(name, error.message, error.hint))
     for number in list_results(run):
         damage += find_result_problems(run, number)
-    holds = {name.removesuffix(".jsonl"): len(lines[name]) for name in ALWAYS_PRESENT}
     return RunCheck(
         run,
         str(manifest.get("experiment")),
@@ -86,7 +85,7 @@ def check_run(run: Path) -> RunCheck:
         read_lock_owner(run / layout.LOCK),
         tuple(damage),
         tuple(_find_strangers(run, manifest)),
-        {**holds, "trials_done": done},
+        {**{name.removesuffix(".jsonl"): len(lines[name]) for name in ALWAYS_PRESENT}, "trials_done": done},
     )
 
 

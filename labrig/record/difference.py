@@ -80,11 +80,10 @@ def _read_sections(run: Run) -> dict[str, Mapping[str, object]]:
 
 
 def _read_conditions(run: Run) -> dict[str, Mapping[str, object]]:
-    calibration = {name: {"sha256": sha256} for name, sha256 in run.calibration_hashes.items()}
     return {
         "protocol": run.protocol,
         "rig": {} if run.rig_path is None else load_yaml_values(run.rig_path),
-        "calibration": calibration,
+        "calibration": {name: {"sha256": sha256} for name, sha256 in run.calibration_hashes.items()},
         "versions": {**(run.manifest.get("provenance") or {}), "command_line": None},
         "devices": run.devices,
     }

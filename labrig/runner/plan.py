@@ -82,5 +82,4 @@ def estimate_disk_bytes(plan: RunPlan, rig: RigDescription | None) -> int:
         return 0
     share = 1.0 if rig.camera.store == "pgm" else _PNG_SHARE
     frame_bytes = int(share * rig.camera.width_px * rig.camera.height_px)
-    states_bytes = int(plan.duration_s * rig.recording.state_rate_hz * _BYTES_A_STATE)
-    return plan.pictures * frame_bytes + states_bytes
+    return plan.pictures * frame_bytes + int(plan.duration_s * rig.recording.state_rate_hz * _BYTES_A_STATE)

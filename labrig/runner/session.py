@@ -340,6 +340,7 @@ class Session:
         self.record(Pause(point=point, by=by, trial=dialogue.trial))
         if in_tissue:
             self.stop()
+            self.read_states()  # states.jsonl then says where the axes wait
         dialogue.requests.begin()
         place = _POINTS.get(point) or dialogue.describe_point(ended=point == TRIAL_END)
         request, reschedules = Paused(f"{place}, because {because}" if because else place), False

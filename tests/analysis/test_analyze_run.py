@@ -188,9 +188,8 @@ def test_damaged_centre_lines_are_refused_with_their_path(measured, tmp_path):
 )  # fmt: skip
 def test_only_what_a_measurement_reads_can_be_overridden(record, override, words):
     """What the rig did cannot be changed afterwards; another planner would have steered another way."""
-    run = open_run(Path(__file__).parents[1] / "records" / record)
     with pytest.raises((InputError, FileFormatError), match=words):
-        measure(run, override)
+        measure(open_run(Path(__file__).parents[1] / "records" / record), override)
 
 
 def test_an_analysis_that_cannot_begin_leaves_nothing(tmp_path):

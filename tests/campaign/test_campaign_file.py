@@ -100,9 +100,8 @@ def test_keys_of_pictures_and_whole_numbers_are_taken_where_they_count(tmp_path:
 
 def test_an_experiment_that_is_not_virtual_is_refused(tmp_path: Path) -> None:
     """The hint names the depth at which whole runs are made."""
-    path = write_campaign(tmp_path, base=str(PROTOCOLS / "roll-zero.yaml"), measure="sd_deg")
     with pytest.raises(InputError) as caught:
-        load(path)
+        load(write_campaign(tmp_path, base=str(PROTOCOLS / "roll-zero.yaml"), measure="sd_deg"))
     assert "depth: rig" in caught.value.hint
 
 

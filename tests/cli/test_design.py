@@ -42,7 +42,7 @@ def test_a_plan_is_drawn(labrig: Labrig, tmp_path: Path, name: str, magic: bytes
     """--figure draws the plan as SVG or PNG, and an existing figure is never replaced."""
     scenario = _file(tmp_path, planar=planar)
     done = labrig("plan", scenario, "--figure", tmp_path / name)
-    assert (done.exit_code, "turn rad  angle rad  length mm" in done.out) == (0, True)
+    assert (done.exit_code, "turn degrees  angle degrees  length mm" in done.out) == (0, True)
     assert (tmp_path / name).read_bytes().startswith(magic)
     assert labrig("plan", scenario, "--figure", tmp_path / name).exit_code == 2
 

@@ -34,7 +34,7 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
         for axes, links, title in (
             (along, hinge.links, "Hinge a, from the side"),
             (across, hinge.section(0.0), "Hinge b, cut at its axis"),
-            (detail, hinge.links, "Schematic: the cut of hinge a"),
+            (detail, hinge.links, "Hinge a, enlarged: the cut"),
         ):
             _draw_links(axes, links)
             axes.set(title=title, xlabel="across the needle (mm)")

@@ -116,14 +116,14 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
     if study.is_table_1:
         yield (
             f"Table I of the paper has {TABLE_1.beta_cut_deg} degrees, where its equation (3) gives "
-            f"{number(study.beta_cut_deg, 2)}; the paper does not say why."
+            f"{number(study.beta_cut_deg, 2)}; the rounding of its coefficients explains that."
         )
     if (measured := study.measured) is not None:
         yield (
             f"The radius that the protocol gives as measured, {measured.radius_mm:g} mm, is a rotation of "
             f"{number(measured.beta_rot_deg, 2)} degrees. Cut at {number(measured.beta_cut_deg, 2)} degrees, that "
             f"takes an effective clearance of {number(measured.clearance_mm, 4)} mm by equation (3), "
-            f"{number(measured.search_clearance_mm, 4)} mm by our contour."
+            f"{number(measured.search_clearance_mm, 4)} mm by the fitted plane of our contour."
         )
 
 

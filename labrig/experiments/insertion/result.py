@@ -237,7 +237,8 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     lines = (
         TextTable(_HEADS, rows) if measured else None,
         measured
-        and "error mm: by the shaft in the final picture; in space: by that, by the estimate, or by both",
+        and "error mm: by the shaft in the final picture; in space: by that, by the estimate, or by both; "
+        "true: from where the target truly was",
         noise,
         changed and "this labrig estimates otherwise than the one that made the run, with the same settings",
     )

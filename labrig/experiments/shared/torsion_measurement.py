@@ -107,11 +107,10 @@ class _Probe:
 
     def _turn_over(self, rolled: Sequence[RolledStretch], arcs_mm: Sequence[float]) -> int:
         """Turn the bevel by half a turn so that the needle stays near the plane, and return the direction."""
-        turns = [TurnAhead(math.pi, arc_mm) for arc_mm in arcs_mm]
         turn = choose_turn(
             rolled,
             self.base_rad,
-            turns,
+            [TurnAhead(math.pi, arc_mm) for arc_mm in arcs_mm],
             TorsionalLag(),
             self._limits,
             radius_mm=self.protocol.expected_radius_mm,

@@ -377,7 +377,8 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
     assert (pause["point"], pause["trial"]) == ("in_tissue", 0)
     moves = [move["t_s"] for move in events(run, "move") if move["axis"] == "insertion"]
     assert min(t_s for t_s in moves if t_s > pause["t_s"]) >= goes_on["t_s"]
-    stood = run.states[run.states["t_s"] > goes_on["t_s"]].iloc[0]["insertion_mm"]
+    (stood,) = run.states[run.states["seq"].between(pause["seq"], goes_on["seq"])]["insertion_mm"]
+    assert run.states[run.states["t_s"] > goes_on["t_s"]].iloc[0]["insertion_mm"] == pytest.approx(stood)
     passed = [look["depth_mm"] for look in looks if look["t_s"] <= pause["t_s"]]
     assert 0.0 <= stood - passed[-1] < 1.0
     assert looks[len(passed)]["depth_mm"] > stood

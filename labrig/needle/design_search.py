@@ -42,8 +42,7 @@ def make_hinge_grid(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) 
     cuts so finely, and a clearance so wide still holds the knuckle at 8 degrees.
     """
     widest_mm = min(_HIGHEST_SHARE * clearance_mm, 0.999 * widest_clearance_mm(tube, STEEPEST_CUT_DEG))
-    thinnest_mm = max(_LOWEST_SHARE * clearance_mm, THINNEST_CLEARANCE_MM)
-    clearances_mm = np.linspace(thinnest_mm, widest_mm, points)
+    clearances_mm = np.linspace(max(_LOWEST_SHARE * clearance_mm, THINNEST_CLEARANCE_MM), widest_mm, points)
     cuts_deg = np.linspace(0.0, STEEPEST_CUT_DEG, points)
     return tuple(Hinge(tube, float(d), float(cut)) for d in clearances_mm for cut in cuts_deg)
 

@@ -26,11 +26,10 @@ def rotation_for_radius_deg(radius_mm: float, link_length_mm: float) -> float:
     InputError
         If two links would have to turn by more than a right angle, or the radius exceeds 10 m.
     """
-    smallest = 4 * link_length_mm / math.pi
     require_within(
         "radius",
         radius_mm,
-        (smallest, 10_000.0),
+        (4 * link_length_mm / math.pi, 10_000.0),
         "two links turn by no more than a right angle, and by something",
     )
     return math.degrees(2 * link_length_mm / radius_mm)

@@ -143,8 +143,7 @@ def place_jacobians(
     moved = (pivots[..., None, :] - places[..., None, None, :, :]) @ cross_matrix(axes)  # (..., n, 2, q, 3)
     numbers, own = np.arange(moved.shape[-4])[:, None], arcs[..., None, :]
     moved *= np.stack((np.where(own == numbers, shares, own > numbers), own >= numbers), axis=-2)[..., None]
-    by_psi = moved.reshape(*moved.shape[:-4], -1, *moved.shape[-2:])
-    return np.swapaxes(np.swapaxes(by_psi, -3, -2), -2, -1)
+    return np.swapaxes(np.swapaxes(moved.reshape(*moved.shape[:-4], -1, *moved.shape[-2:]), -3, -2), -2, -1)
 
 
 def path_points(psi: FloatArray, radius_mm: float, fractions: FloatArray) -> FloatArray:

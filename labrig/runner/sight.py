@@ -91,8 +91,7 @@ class Sight:
         """
         assert self._template is not None, "the sight was opened without a template of the tip"
         require_light(taken.image)
-        view = TipView(self.plane, self._template, self._mask)
-        return find_tip(view, taken.image, expected, tip, roll_rad)
+        return find_tip(TipView(self.plane, self._template, self._mask), taken.image, expected, tip, roll_rad)
 
     def find_sheath(self, taken: TakenPicture, sheath: Sheath, trial: int) -> TrialOrigin:
         """Return the pose of a sheath that nothing has left yet, compared with its command.

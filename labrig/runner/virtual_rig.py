@@ -156,14 +156,13 @@ class VirtualRig(RigCalls):
         here = self._move_world()
         self.clock.sleep(self._picture_s)
         positions = AxisPositions(here["insertion"], here["rotation"], here["linear"])
-        since_turn_mm = here["insertion"] - self._turned_at_mm
         return VirtualPhotograph(
             _UNDRAWN,
             self.clock.now_s(),
             positions,
             glance=self.world.glance(),
             world=self.world,
-            since_turn_mm=since_turn_mm,
+            since_turn_mm=here["insertion"] - self._turned_at_mm,
         )
 
     def check_move(self, axis_name: str, position: float, speed: float) -> None:

@@ -59,8 +59,7 @@ class TipOffset:
         variances, axes = np.linalg.eigh(self.covariance_mm2)
         x, y, z = (axes * np.sqrt(np.maximum(variances, 0.0))) @ _fill_normal() + self.mm[:, None]
         seen_mm = np.hypot(y - x * self.slope[0], z - x * self.slope[1])
-        least_mm = _LEAST_SHARE * float(seen_mm.std()) + _KNOWN_MM
-        shares = 1.0 / np.maximum(seen_mm, least_mm)
+        shares = 1.0 / np.maximum(seen_mm, _LEAST_SHARE * float(seen_mm.std()) + _KNOWN_MM)
         return np.sqrt(x**2 + y**2 + z**2), self.probability * shares / shares.sum()
 
 

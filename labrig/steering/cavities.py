@@ -121,7 +121,6 @@ def _mix(outside: TipState, inside: TipState, apart: FloatArray, share: float) -
     mean = share * apart
     spread = share * (1.0 - share) * apart[:, None] * apart
     covariance = (1.0 - share) * outside.covariance + share * inside.covariance + spread
-    slip = outside.slip + float(mean[SLIP]) if len(mean) > SLIP else 0.0
     return TipState(
         freeze(outside.rotation @ rotation_from_vector(mean[ORIENTATION])),
         freeze(outside.position_mm + outside.rotation @ mean[POSITION]),
@@ -131,7 +130,7 @@ def _mix(outside: TipState, inside: TipState, apart: FloatArray, share: float) -
         likelier.accepted,
         likelier.misses,
         likelier.log_likelihood,
-        slip,
+        outside.slip + float(mean[SLIP]) if len(mean) > SLIP else 0.0,
     )
 
 

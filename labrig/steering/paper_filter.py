@@ -60,11 +60,10 @@ def rotation_from_euler(angles: FloatArray) -> FloatArray:
 
 def euler_angles(rotation: FloatArray) -> FloatArray:
     """Return (phi_x, phi_y, phi_z) of a rotation, (3,)."""
-    across = math.hypot(rotation[2, 1], rotation[2, 2])
     return np.array(
         (
             math.atan2(rotation[2, 1], rotation[2, 2]),
-            math.atan2(-rotation[2, 0], across),
+            math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2])),
             math.atan2(rotation[1, 0], rotation[0, 0]),
         )
     )

@@ -130,8 +130,7 @@ def free_angles(tips: Tips, field: Field) -> FloatArray:
     """
     radius_mm = field.radius_mm
     to_cap = np.pi / 2 - tips.signs * tips.headings_rad
-    left = (field.max_length_mm / radius_mm) - tips.angles_rad.sum(axis=1)
-    free = np.minimum(to_cap, left)
+    free = np.minimum(to_cap, (field.max_length_mm / radius_mm) - tips.angles_rad.sum(axis=1))
     outwards = -1j * tips.signs * np.exp(1j * tips.headings_rad)
     seen = (field.discs - (tips.places - radius_mm * outwards)[:, None]) * outwards.conj()[:, None]
     apart = np.abs(seen)
@@ -252,5 +251,4 @@ def _find_middle_hits(
     seen = field.discs - centres[:, None]
     ring = np.abs(np.abs(seen) - field.radius_mm) < field.disc_radii_mm
     after = (((starts - centres) * signs).conj()[:, None] * seen).imag >= 0
-    before = (((ends - centres) * signs).conj()[:, None] * seen).imag <= 0
-    return np.asarray(ring & after & before)
+    return np.asarray(ring & after & ((((ends - centres) * signs).conj()[:, None] * seen).imag <= 0))

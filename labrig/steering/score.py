@@ -33,8 +33,7 @@ def pick_best_feasible(families: Sequence[FloatArray], around: Surroundings) -> 
         return None
     psi = psi[feasible]
     best = find_cheapest(_cost_paths(psi, frames.take(feasible), near.take(feasible), around))
-    last = np.flatnonzero(psi[best, :, 0] > ROUNDING).max(initial=-1)
-    return np.asarray(psi[best, : last + 1])
+    return np.asarray(psi[best, : np.flatnonzero(psi[best, :, 0] > ROUNDING).max(initial=-1) + 1])
 
 
 def find_cheapest(costs: FloatArray) -> int:

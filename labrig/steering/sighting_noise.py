@@ -2,7 +2,8 @@
 
 The estimator predicts each sighting from those before it. The measured values are those under which all sightings of
 the insertion were the most probable (maximum likelihood by prediction errors, Schweppe 1965). So they hold whatever
-the estimator does not model: a template that reads a bent tip off its place shows as noise of the sightings.
+the estimator does not model: a template that reads a bent tip off its place shows as noise of the sightings. The
+backlash is measured with a radius that is not known, and the radius with the backlash that was measured.
 
 The mean NIS tells whether the stated settings fit: in the plane it is 2 where they do, smaller where the tip is seen
 better than they say, and larger where it is seen worse or moves otherwise (Bar-Shalom, Li and Kirubarajan 2001, section
@@ -12,7 +13,7 @@ better than they say, and larger where it is seen worse or moves otherwise (Bar-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -117,7 +118,8 @@ def measure_noise(
     fitting = with_observation_sd(stated, advised_mm or TEMPLATE_BIAS_MM)
     steady = [insertion.leave_out_swings() for insertion in insertions]
     backlash_mm, backlash_sd_mm = measure_backlash(steady, fitting) or (None, None)
-    radius_mm, radius_sd_mm = measure_radius(insertions, stated) or (None, None)
+    measured = stated if backlash_mm is None else _with_backlash(stated, backlash_mm)
+    radius_mm, radius_sd_mm = measure_radius(insertions, measured) or (None, None)
     return SightingNoise(
         mean_nis=mean,
         usual_nis=(low, high),
@@ -138,6 +140,17 @@ def with_observation_sd(settings: SteeringSettings, observation_sd_mm: float) ->
     """Return the settings with another standard deviation of a sighting."""
     estimator = settings.estimator.model_copy(update={"observation_sd_mm": observation_sd_mm})
     return replace(settings, estimator=estimator)
+
+
+def _with_backlash(settings: SteeringSettings, backlash_mm: float) -> SteeringSettings:
+    policy = settings.policy.model_copy(update={"backlash_mm": max(backlash_mm, 0.0)})
+    return replace(settings, policy=policy)
+
+
+def _begin_at(settings: SteeringSettings, radius_sd_mm: float, **begun: Any) -> SteeringSettings:
+    """Return settings under which the radius is so uncertain at first."""
+    begun = settings.estimator.model_dump() | begun | {"radius_sd_mm": radius_sd_mm}
+    return replace(settings, estimator=EstimatorSettings(**begun))
 
 
 def measure_sighting_sd(insertions: Sequence[SeenInsertion], settings: SteeringSettings) -> Measured | None:
@@ -164,10 +177,10 @@ def measure_backlash(insertions: Sequence[SeenInsertion], settings: SteeringSett
     turns = sum(isinstance(part, float) for insertion in insertions for part in insertion.way)
     if turns < _LEAST_TURNS or settings.estimator.method == "paper":
         return None
+    wide = _begin_at(settings, settings.estimator.radius_mm)  # a wrong radius would shift the backlash
 
     def cost(backlash_mm: float) -> float:
-        policy = settings.policy.model_copy(update={"backlash_mm": max(backlash_mm, 0.0)})
-        return _find_cost(insertions, replace(settings, policy=policy))
+        return _find_cost(insertions, _with_backlash(wide, backlash_mm))
 
     return _find_minimum(cost, _BACKLASHES_MM, _BACKLASH_EXACT_MM, _BACKLASH_STEP_MM)
 
@@ -179,9 +192,8 @@ def measure_radius(insertions: Sequence[SeenInsertion], stated: SteeringSettings
     """
     radius_mm, sd_mm, measured = stated.estimator.radius_mm, stated.estimator.radius_mm, None
     for insertion in (one for one in insertions if one.sightings):
-        wide = {"method": "error-state", "radius_mm": radius_mm, "radius_sd_mm": sd_mm}
-        estimator = EstimatorSettings(**stated.estimator.model_dump() | wide)
-        tip = [*_follow(insertion, replace(stated, estimator=estimator))][-1].tip
+        begun = _begin_at(stated, sd_mm, method="error-state", radius_mm=radius_mm)
+        tip = [*_follow(insertion, begun)][-1].tip
         sd = math.sqrt(tip.covariance[CURVATURE, CURVATURE])
         if tip.curvature < 3.0 * sd:
             return None

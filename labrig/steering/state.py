@@ -88,8 +88,7 @@ class SteeringState:
 
     def predict(self, insertion_mm: float, settings: SteeringSettings, turned_rad: float = 0.0) -> FloatArray:
         """Return the tip's pose (4, 4) at an insertion length ahead, and turned there; no further turn is before it."""
-        straight_mm = settings.policy.closing_mm / 2
-        steps = split_into_steps(self.insertion_mm, insertion_mm, self.turns, straight_mm)
+        steps = split_into_steps(self.insertion_mm, insertion_mm, self.turns, settings.policy.closing_mm / 2)
         if turned_rad:
             steps.append(TipObservation(None, 0.0, turned_rad))
         return advance_pose(self.tip, steps)
@@ -133,12 +132,11 @@ def take_in_sighting(
         seen = (*seen, (sighting.insertion_mm, float(seen_mm[1]), float(seen_mm[2])))
         if math.dist(seen_mm, moving_from[1]) >= settings.policy.stuck_mm / 2:
             moving_from = sighting.insertion_mm, seen_mm
-    turns = tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm)
     return replace(
         state,
         belief=belief,
         insertion_mm=sighting.insertion_mm,
-        turns=turns,
+        turns=tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm),
         why=None,
         refusal=None,
         moving_from=moving_from,

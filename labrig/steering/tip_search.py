@@ -64,8 +64,7 @@ def find_tip(
     u, v = view.plane.to_px(expected[None, 1:3, 3])[0].tolist()
     heading_rad = math.atan2(expected[1, 2], expected[2, 2])
     reach_px = max(_LEAST_REACH_PX, _SIGMAS * tip.position_sd_mm / view.plane.mm_per_px)
-    side_px = max(view.template.picture.shape) + 2 * reach_px
-    region_px = side_px * _GROWTH ** min(tip.misses, _MOST_MISSES)
+    region_px = (max(view.template.picture.shape) + 2 * reach_px) * _GROWTH ** min(tip.misses, _MOST_MISSES)
     fix = locate_tip(
         image,
         view.template,

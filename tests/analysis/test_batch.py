@@ -94,7 +94,6 @@ class _FarPool(Pool):
 def test_a_worker_that_does_not_see_a_run_ends_the_analysis(tmp_path: Path) -> None:
     """Its pictures would be called missing: the worker's computer and the run are named; it gets no result."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
-    far = _FarPool(runs[0])
     with pytest.raises(WorkersError, match=rf"{platform.node()} does not see {runs[0]}"):
-        list(analyze_runs(runs, find_run_experiment, far, created=NOW, provenance=PROVENANCE))
+        list(analyze_runs(runs, find_run_experiment, _FarPool(runs[0]), created=NOW, provenance=PROVENANCE))
     assert [path.name for path in (runs[0] / "analysis").iterdir()] == ["001"]

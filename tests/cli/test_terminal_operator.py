@@ -202,9 +202,8 @@ def test_a_pause_without_a_terminal_waits_until_it_is_ended_from_elsewhere(
         if len(looks) == 2:
             raise KeyError
 
-    operator = TerminalOperator(SignalNote(), io.StringIO(""))
     with pytest.raises(KeyError):
-        operator.ask(Paused("after this insertion"), look)
+        TerminalOperator(SignalNote(), io.StringIO("")).ask(Paused("after this insertion"), look)
     assert "Paused after this insertion." in (told := capsys.readouterr().err)
     assert "labrig continue" in told
 

@@ -31,9 +31,8 @@ LINE = "  design_file: ../designs/n2.json\n"
 )
 def test_a_file_that_is_no_design_is_refused_at_its_line(changed, words, tmp_path):
     """Another kind, a newer version, a wrong or missing value: each names the file, its line and the key."""
-    path = write_design(tmp_path / "n2.json", **changed)
     with pytest.raises(FileFormatError, match=r"n2\.json:\d+:\d+") as refused:
-        load_design(path)
+        load_design(write_design(tmp_path / "n2.json", **changed))
     assert words in refused.value.message
 
 

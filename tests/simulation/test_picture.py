@@ -52,9 +52,8 @@ def test_a_ray_ends_in_the_pixel_it_came_from(u: float, v: float, depth_mm: floa
 
 def test_a_lens_that_folds_the_picture_is_refused() -> None:
     """Distortion without an inverse names itself instead of drawing nonsense."""
-    lens = LensDescription(distortion=(-9.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="no inverse"):
-        undistort(np.array([[0.36, 0.2]]), lens)
+        undistort(np.array([[0.36, 0.2]]), LensDescription(distortion=(-9.0, 0.0, 0.0, 0.0, 0.0)))
 
 
 def test_the_plane_stands_where_the_description_says() -> None:

@@ -128,5 +128,4 @@ def test_places_along_the_needle_vary_as_integrated_paths_do():
     )
     turns = np.random.default_rng(8).standard_normal((DRAWS, 120)) * 0.003 * math.sqrt(STEP_MM)
     x_mm = STEP_MM * np.cumsum(np.cumsum(turns, axis=1), axis=1)[:, [39, 119]]
-    wandering = covary_out_of_plane([], STRAIGHT_MM, only(0.003), at_mm)
-    assert wandering == pytest.approx(np.cov(x_mm.T), rel=0.06)
+    assert covary_out_of_plane([], STRAIGHT_MM, only(0.003), at_mm) == pytest.approx(np.cov(x_mm.T), rel=0.06)

@@ -45,8 +45,9 @@ def test_the_noise_of_the_sightings_is_measured(sigma_mm: float) -> None:
 
 
 def test_the_backlash_is_measured() -> None:
-    """Within three of its standard deviations, where the policy states another."""
-    fitting = replace(STATED, estimator=STATED.estimator.model_copy(update={"observation_sd_mm": 0.03}))
+    """Within three of its standard deviations, where policy and planner state another one and another radius."""
+    wrong = {"observation_sd_mm": 0.03, "radius_mm": 2.0 * RADIUS_MM}
+    fitting = replace(STATED, estimator=STATED.estimator.model_copy(update=wrong))
     measured_mm, sd_mm = measure_backlash([see(0.03, 2)], fitting) or (0.0, 0.0)
     assert abs(measured_mm - TRUE_BACKLASH_MM) < 3.0 * sd_mm
     assert sd_mm < 0.5

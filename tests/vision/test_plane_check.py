@@ -62,9 +62,8 @@ def test_a_camera_that_moved_is_an_error_bar_or_refuses(before, scale, tilt, wor
 def test_a_map_of_another_scale_is_refused(before, factor):
     """Through it the paper's lines are not where they would be; missing paper and another picture are refused too."""
     plane, picture, _ = before
-    wrong = plane.change(homography=np.diag([factor, factor, 1.0]) @ plane.matrix)
     with pytest.raises(CalibrationRefusedError, match=r"px apart|no grid of ruled lines") as caught:
-        check_grid(picture, wrong, 1.0)
+        check_grid(picture, plane.change(homography=np.diag([factor, factor, 1.0]) @ plane.matrix), 1.0)
     assert "calibrate the plane again" in caught.value.hint
     with pytest.raises(CalibrationRefusedError, match="no grid"):
         check_grid(np.full_like(picture, 128), plane, 1.0)

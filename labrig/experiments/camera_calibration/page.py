@@ -61,8 +61,7 @@ def _find_needle_px(plane: PlaneMap) -> FloatArray:
     """Return the line (2, 2) from the origin along z to the edge of the picture."""
     size = np.array(plane.image_size)
     ahead_px = plane.to_px(np.linspace((0.0, 0.0), (0.0, plane.mm_per_px * math.hypot(*size)), 500))
-    inside = ((ahead_px >= 0.0) & (ahead_px < size)).all(axis=1)
-    return ahead_px[[0, np.flatnonzero(inside).max(initial=0)]]
+    return ahead_px[[0, np.flatnonzero(((ahead_px >= 0.0) & (ahead_px < size)).all(axis=1)).max(initial=0)]]
 
 
 def _find_length_mm(plane: PlaneMap, ends_px: FloatArray) -> tuple[float, float, Mapping[str, float]]:

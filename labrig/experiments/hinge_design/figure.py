@@ -68,10 +68,9 @@ def _explain_cut(axes: Axes, hinge: Hinge) -> None:
     axes.set_xlim(0.15 * outer_mm, 1.55 * outer_mm)
     axes.set_ylim(-lip_mm - 0.35 * outer_mm, -lip_mm + 0.75 * outer_mm)
     middle_mm = hinge.knuckle_radius_mm - hinge.clearance_mm / 2
-    slot = (middle_mm * math.cos(math.radians(20.0)), -middle_mm * math.sin(math.radians(20.0)))
     axes.annotate(
         f"clearance {hinge.clearance_mm:g} mm",
-        slot,
+        (middle_mm * math.cos(math.radians(20.0)), -middle_mm * math.sin(math.radians(20.0))),
         (1.28 * outer_mm, -0.1 * outer_mm),
         ha="center",
         fontsize=8.5,

@@ -215,6 +215,8 @@ class TargetErrorBounds:
         How far the end is out of the plane, if the picture tells.
     errors : PlaceErrors
         Of the shaft's end, as far as it is measured.
+    picture_interval_mm : (float, float) or None
+        The interval by the last picture alone, without the estimate and without what the path tells of the depth.
     """
 
     off_mm: FloatArray
@@ -225,6 +227,7 @@ class TargetErrorBounds:
     sources: TargetErrorSources
     depth: EndDepth | None = None
     errors: PlaceErrors = field(default_factory=PlaceErrors)
+    picture_interval_mm: tuple[float, float] | None = None
 
     @property
     def in_plane_mm(self) -> float:
@@ -282,6 +285,7 @@ class TargetErrorBounds:
             "target_error_interval_mm": self.interval_mm,
             "target_error_interval_by": self.by,
             "target_error_interval_tip_mm": self.tip_mm,
+            "picture_interval_mm": self.picture_interval_mm,
             "target_error_sources_mm": self.sources,
             "depth": self.depth,
         }
@@ -355,7 +359,12 @@ def judge_end(
         return None
     budget = budget_out_of_plane(path, problem.radius_mm, unseen)
     bounds = bound_error(seen, budget, problem.target_mm, target_sd_mm)
-    return bounds if shaft is None else replace(bounds, errors=shaft.errors)
+    if depth is None or shaft is None:
+        return bounds if shaft is None else replace(bounds, errors=shaft.errors)
+    depth = replace(depth, possible=(PossibleDepth(1.0, depth.picture_x_mm, depth.picture_sd_mm),))
+    shown = see_end(plane, shaft, None, drift=drift, depth=depth) or seen
+    shown_mm = bound_error(shown, budget, problem.target_mm, target_sd_mm).interval_mm
+    return replace(bounds, errors=shaft.errors, picture_interval_mm=shown_mm)
 
 
 def _find_depth(

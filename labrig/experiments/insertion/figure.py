@@ -22,9 +22,16 @@ _SEEN, _LOST, _TRUE = mark(0).colour, mark(1).colour, "#000000"
 _DASHED = (0, (4, 2.5))
 
 
-def draw_insertion_figure(trial: InsertionTrial, plans: Sequence[PathSought], *, predicts: bool) -> Markup:
-    """Draw the curves of an insertion over the inserted length, with the places where the path was replanned."""
+def draw_insertion_figure(
+    trial: InsertionTrial, plans: Sequence[PathSought], map_truth: Callable[..., Any], *, predicts: bool
+) -> Markup:
+    """Draw the curves of an insertion over the inserted length, with the places where the path was replanned.
+
+    `map_truth` takes true places (N, 2) [mm] to where the plane map has them.
+    """
     steps = tabulate(InsertionStep, trial.steps).set_index("depth_mm")
+    places = ["true_y_mm", "true_z_mm"]
+    steps[places] = map_truth(steps[places].astype(float))
     if not predicts:
         steps[["innovation_y_mm", "nis"]] = np.nan
     draws: list[tuple[list[str], Callable[[Axes, pd.DataFrame], None]]] = [

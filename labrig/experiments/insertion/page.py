@@ -12,7 +12,7 @@ from markupsafe import Markup
 from labrig.analysis.pictures import load_plane_map
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.insertion import ending
-from labrig.experiments.insertion.events import InsertionRole, InsertionStart, PathSought
+from labrig.experiments.insertion.events import BevelTurn, InsertionRole, InsertionStart, PathSought
 from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionResult, InsertionTrial, describe_nis, describe_radius
@@ -63,11 +63,14 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
     shown = sorted(content.insertions, key=lambda trial: (trial.reached is True, trial.trial))[:_SHOWN]
     noise = vars(content.sighting_noise) if content.sighting_noise else None
     parts = {
-        "budgets": {"Error in the plane": [trial.target_error_budget_mm for trial in content.insertions]},
+        "budgets": {
+            "Error in the plane, by the shaft": [trial.target_error_budget_mm for trial in content.insertions]
+        },
         "shown": [
             _draw_insertion(run, protocol, trial, events.get(trial.trial, ()), Scene(plane))
             for trial in sorted(shown, key=lambda trial: trial.trial)
         ],
+        "turns": run.read_events(BevelTurn),
         "zeros": run.read_events(InsertionStart, RollZeroFound),
         "degrees": math.degrees,
         "noise_told": describe_nis(noise),
@@ -82,8 +85,12 @@ def _draw_insertion(
 ) -> ShownInsertion:
     plans = [event for event in events if isinstance(event, PathSought)]
     predicts = protocol.estimator.method != "paper"
-    figure = draw_insertion_figure(trial, plans, predicts=predicts) if trial.steps else None
-    true_mm, panels = None if trial.markers else trial.true_target_mm, list[Panel]()
+    true_mm, panels, world = None if trial.markers else trial.true_target_mm, list[Panel](), read_world(run)
+    moved_mm = true_mm if world.get("target_moves_mm") else None
+    # What the map is off at a target that has not moved, it is off along the true path too.
+    placed_mm = trial.target_mm if true_mm is None or moved_mm else true_mm
+    map_truth = partial(map_path, true_mm=placed_mm[1:], mapped_mm=trial.target_mm[1:])
+    figure = draw_insertion_figure(trial, plans, map_truth, predicts=predicts) if trial.steps else None
     for event in events:
         scene.take(event)
         if isinstance(event, PathSought) and any(event is plan for plan in _select_plans(plans)):
@@ -94,11 +101,6 @@ def _draw_insertion(
     final = trial.final_frame if panels or trial.final_frame is not None else _find_scene(run, trial)
     if final is not None and scene.start is not None:
         at_s = run.frame_lines[final].t_s - trial.start_t_s
-        world = read_world(run)
-        moved_mm = true_mm if world.get("target_moves_mm") else None
-        # What the map is off at a target that has not moved, it is off along the true path too.
-        placed_mm = trial.target_mm if true_mm is None or moved_mm else true_mm
-        map_truth = partial(map_path, true_mm=placed_mm[1:], mapped_mm=trial.target_mm[1:])
         strokes = (
             *scene.draw_places(),
             *[*scene.former, *scene.draw_line("former", scene.plan_mm)][:1],

@@ -129,7 +129,8 @@ class InsertionTrial(InsertionRow):
     camera does not tell for space. `target_error_interval_mm` holds the distance in space with a probability of 95 %,
     and `target_error_sources_mm` says what that consists of; without `out_of_plane:` in the protocol both are None, and
     the plane decides. `target_error_interval_by` and `target_error_interval_tip_mm`, (y, z), say from which place it is
-    measured. `depth` is what the final picture shows of it; None if it shows nothing.
+    measured. `depth` is what the final picture shows of it; None if it shows nothing. `picture_interval_mm` is the
+    interval by that picture alone, which the needle's stated radius and the estimate have no part in.
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line up to there; `unmeasured` says
     why there is no tip. `target_error_mm` is from that tip, by the shaft alone; where the picture shows that the needle
     has left the plane, from its place at the depth that is told. `target_error_budget_mm` says what
@@ -153,6 +154,7 @@ class InsertionTrial(InsertionRow):
     tip_mm: Point | None
     shaft_mm: tuple[Point, ...]
     target_error_interval_tip_mm: Point | None = None
+    picture_interval_mm: Point | None = None
     target_error_sources_mm: TargetErrorSources | None = None
     depth: EndDepth | None = None
     true_path_mm: tuple[tuple[float, float, float], ...]

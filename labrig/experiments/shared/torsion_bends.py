@@ -48,13 +48,12 @@ def measure_bend(hole: TorsionHole, turn: ShaftTip, end: ShaftTip) -> TorsionBen
     out_mm = np.array(turn.tip_mm) - circle.centre
     # The tangent at the tip, ahead: at right angles to the radius, on the side to which the needle heads.
     side = np.sign(out_mm[0] * math.cos(turn.heading_rad) - out_mm[1] * math.sin(turn.heading_rad))
-    heading_rad = math.atan2(-side * out_mm[1], side * out_mm[0])
     return TorsionBend(
         hole.depth_mm,
         hole.direction,
         hole.depth_mm - list_arcs_mm(hole.depth_mm)[-1],
         float(-side * circle.radius * (1.0 - math.cos(BENT_MM / circle.radius))),
-        _deflect_mm(turn.tip_mm, heading_rad, end.tip_mm),
+        _deflect_mm(turn.tip_mm, math.atan2(-side * out_mm[1], side * out_mm[0]), end.tip_mm),
     )
 
 

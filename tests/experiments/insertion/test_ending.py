@@ -48,6 +48,14 @@ def test_an_end_just_after_a_turn_is_read_less_surely(settings: tuple[str, ...],
     assert fit_mm < trial.sigma_target_error_mm < fit_mm + 0.02
 
 
+def test_the_picture_alone_tells_less_and_rests_on_no_stated_wandering() -> None:
+    """Its interval ends farther off than with path and estimate; that with them grows more with the wandering."""
+    sure, unsure = (analyse_recorded(*settings).insertions[0] for settings in (SURE, UNSURE))
+    assert sure.picture_interval_mm[1] > sure.target_error_interval_mm[1]
+    assert unsure.picture_interval_mm[1] < 1.5 * sure.picture_interval_mm[1]
+    assert unsure.target_error_interval_mm[1] > 1.5 * sure.target_error_interval_mm[1]
+
+
 def test_where_the_plane_alone_says_so_a_target_is_not_reached() -> None:
     """Neither reached nor missed, unless a smaller wandering, measured since, says that it was."""
     run, content = record_insertion(*UNSURE), analyse_recorded(*UNSURE)

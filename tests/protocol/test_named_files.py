@@ -131,9 +131,8 @@ def test_a_gel_that_does_not_fit_its_specimen_is_refused_at_its_line(gel, words,
 )
 def test_a_malformed_specimen_file_is_refused_at_its_line(lines, words, tmp_path):
     """Times in the wrong order or without a zone, a spread without its value, and another kind of file."""
-    path = write_specimen(tmp_path, lines=lines)
     with pytest.raises(FileFormatError, match=r"A1\.yaml:\d+:\d+") as refused:
-        load_specimen("A1", [path.parent])
+        load_specimen("A1", [write_specimen(tmp_path, lines=lines).parent])
     assert words in refused.value.message
 
 

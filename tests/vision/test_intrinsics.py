@@ -83,7 +83,8 @@ def test_finds_the_camera_that_took_the_views():
     assert found.holdout_rms_px == pytest.approx(found.rms_px, rel=0.2)
     assert all(view.used for view in found.views)
     document = found.to_json()
-    assert set("accepted reasons fx fy cx cy sigma distortion rms_px holdout_rms_px".split()) < set(document)
+    keys = "accepted reasons fx fy cx cy sigma distortion rms_px holdout_rms_px"
+    assert set(keys.split()) < set(document)
     assert list(document["sigma"]) == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]
     assert len(document["distortion"]) == 5
     assert set(document["views"][0]) == {"image", "rms_px", "used", "reason"}

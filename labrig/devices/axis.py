@@ -293,8 +293,7 @@ class Axis:
         if not has_power:
             return {f"position_{self.unit}": self.drive.position()}
         read = self.read()
-        position = {f"position_{self.unit}": read.position}
-        return {**position, "statusword": read.statusword}
+        return {f"position_{self.unit}": read.position, "statusword": read.statusword}
 
     def describe(self) -> dict[str, object]:
         """Return the conversion of the axis and its drive, for the record."""

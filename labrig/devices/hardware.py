@@ -40,8 +40,7 @@ class BenchHardware:
 
     def open_source(self) -> PictureSource:
         """Open the camera. Raises `CameraError`."""
-        context = CameraContext(self.clock, self._rig.folder)
-        return self._rig.camera.open(context)
+        return self._rig.camera.open(CameraContext(self.clock, self._rig.folder))
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return nothing: the truth of a bench is unknown."""

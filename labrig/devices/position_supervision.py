@@ -103,8 +103,7 @@ def expect_move(
         velocity, unsure_s = before.profile.at(begun_s)[1], ahead_s + TIME_MARGIN_S
         give = (abs(velocity) + acceleration * unsure_s) * unsure_s
     limits = Limits(target[1], acceleration, acceleration)
-    profile = make_move_profile(begun_s, here, velocity, target[0], limits)
-    return Expected(profile, ahead_s, give, target[1])
+    return Expected(make_move_profile(begun_s, here, velocity, target[0], limits), ahead_s, give, target[1])
 
 
 class PositionWatch:

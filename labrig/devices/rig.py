@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import partial
 from typing import NoReturn, TypeVar
@@ -464,8 +464,7 @@ class Rig(RigCalls):
             The axis has been stopped and has no reference.
         """
         self.check_homing(name, method, needle_mounted=needle_mounted)
-        homing = self.axis(name).description.homing
-        self.home(name, homing.model_copy(update={"method": method}))
+        self.home(name, self.axis(name).description.homing.model_copy(update={"method": method}))
 
     def assume_positions(self, positions: Mapping[str, float]) -> None:
         """Assume the positions that a person has confirmed, for axes that have lost their reference [mm or rad].
@@ -515,10 +514,16 @@ class Rig(RigCalls):
             axis.drive.enable()
         self._supervisor.has_power = True
 
-    def end(self) -> None:
-        """Stop every axis for good: what is done aside from now on only holds them. Raises as `stop` does."""
+    def end(self) -> dict[str, DriveReading]:
+        """Stop every axis for good: what is done aside from now on only holds them. Raises as `stop` does.
+
+        Returns where each stands; nothing where a drive does not tell, as in a fault.
+        """
         self._is_ending = True
         self.stop()
+        with suppress(MachineError):
+            return {axis.name: axis.drive.read() for axis in self.axes}
+        return {}
 
     def close(self) -> None:
         """Stop every axis and switch its power stage off: nothing supervises the drives from now on.

@@ -136,9 +136,9 @@ class RigCalls(Protocol):
         """Switch power on; each axis holds its position. Raises `DriveError`, `BusError`."""
         return
 
-    def end(self) -> None:
-        """Stop every axis for good. Raises `SafetyStopError`."""
-        return
+    def end(self) -> Mapping[str, DriveReading]:
+        """Stop every axis for good, and read where each stands; nothing without axes. Raises `SafetyStopError`."""
+        return {}
 
     def snapshot(self) -> Mapping[str, object]:
         """Return the present state of the devices, ready for JSON."""

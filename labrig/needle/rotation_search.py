@@ -84,10 +84,9 @@ def search_largest_rotation(view: HingeView, seed: int = DEFAULT_SEED) -> FreeRo
 def _search_between(view: HingeView, lateral_mm: tuple[float, float], seed: int) -> FreeRotation:
     """Search the box between two lateral translations."""
     least = np.array([0.0, lateral_mm[0], -view.box.axial_mm])
-    most = np.array([view.box.rotation_deg, lateral_mm[1], view.box.axial_mm])
     found = differential_evolution(
         _negate_rotation,
-        bounds=Bounds(least, most),
+        bounds=Bounds(least, np.array([view.box.rotation_deg, lateral_mm[1], view.box.axial_mm])),
         constraints=NonlinearConstraint(partial(_measure_constraint, view), -np.inf, 0.0),
         popsize=_POPULATION_PER_VARIABLE,
         maxiter=_MOST_GENERATIONS,

@@ -145,12 +145,6 @@ class Run:
         lines = read_lines(inside(self.path, layout.DEVICE_LINES))
         return lines[0]["devices"] if lines else {}
 
-    @cached_property
-    def devices_after(self) -> Mapping[str, Any]:
-        """What they said once the axes had been stopped at its end; empty for a run that was not closed."""
-        lines = read_lines(inside(self.path, layout.DEVICE_LINES))
-        return lines[-1]["devices"] if lines and lines[-1]["when"] == "end" else {}
-
     def lines(self, stream: str) -> list[dict[str, Any]]:
         """Return the lines of `states`, `events`, `frames` or `truth` as they were recorded.
 

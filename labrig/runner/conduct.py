@@ -1,11 +1,13 @@
 """Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 from labrig.clock import Clock
 from labrig.devices.axis_positions import AxisPositions
+from labrig.devices.drives.drive import DriveReading
+from labrig.devices.state_line import write_state_line
 from labrig.errors import (
     BugError,
     ConditionMetError,
@@ -97,8 +99,9 @@ def _conduct(session: Session, beginning: RunStart, procedure: Callable[[], obje
 
 def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     """Stop the axes, then close the record; a failure of either becomes part of the outcome."""
+    standing: Mapping[str, DriveReading] = {}
     try:
-        session.rig.end()
+        standing = session.rig.end()
     except MachineError as error:
         outcome = replace(outcome.add(error, "stopping"), exit_status="failed")
     after = session.rig.snapshot()
@@ -111,13 +114,14 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
             recorder.can_frames(frames)
         except DiskError as error:
             ended = outcome.fail(error)
-        return _close(recorder, clock, ended_s, ended, devices_after=after)
+        line = write_state_line(session.description, standing)
+        return _close(recorder, clock, ended_s, ended, line, devices_after=after)
 
     return session.rig.do_aside(close)
 
 
 def _close(
-    recorder: RecordSink, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+    recorder: RecordSink, clock: Clock, t_s: float, outcome: Outcome, standing: Any = None, **updates: object
 ) -> Outcome:
     try:
         stop = RunStop(
@@ -127,7 +131,9 @@ def _close(
             fault=fault_of(outcome.error),
         )
         recorder.record_event(stop, t_s)
-        recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
+        if standing:
+            recorder.state(t_s, **standing)
+        recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **updates)
     except BugError as error:
         return Outcome("failed", error.message, error)
     except DiskError as error:

@@ -155,11 +155,10 @@ class VirtualRig(RigCalls):
         """Look at the world."""
         here = self._move_world()
         self.clock.sleep(self._picture_s)
-        positions = AxisPositions(here["insertion"], here["rotation"], here["linear"])
         return VirtualPhotograph(
             _UNDRAWN,
             self.clock.now_s(),
-            positions,
+            AxisPositions(here["insertion"], here["rotation"], here["linear"]),
             glance=self.world.glance(),
             world=self.world,
             since_turn_mm=here["insertion"] - self._turned_at_mm,

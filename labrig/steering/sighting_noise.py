@@ -143,8 +143,7 @@ def with_observation_sd(settings: SteeringSettings, observation_sd_mm: float) ->
 
 
 def _with_backlash(settings: SteeringSettings, backlash_mm: float) -> SteeringSettings:
-    policy = settings.policy.model_copy(update={"backlash_mm": max(backlash_mm, 0.0)})
-    return replace(settings, policy=policy)
+    return replace(settings, policy=settings.policy.model_copy(update={"backlash_mm": max(backlash_mm, 0.0)}))
 
 
 def _begin_at(settings: SteeringSettings, radius_sd_mm: float, **begun: Any) -> SteeringSettings:

@@ -105,8 +105,7 @@ def fit_torsion(bends: Sequence[TorsionBend], lengths: BendLengths, radius_mm: f
     _refuse_unexpected(radius, radius_mm, lag_rad, lag_rad + per_mm * depths_mm[-1])
     residuals, slopes = np.asarray(solved.fun), np.asarray(solved.jac)
     freedom = len(residuals) - slopes.shape[1]
-    widened = float(stdtrit(freedom, 0.975) / ndtri(0.975))
-    scatter_mm2 = float(residuals @ residuals) / freedom * widened**2
+    scatter_mm2 = float(residuals @ residuals) / freedom * float(stdtrit(freedom, 0.975) / ndtri(0.975)) ** 2
     covariance = scatter_mm2 * np.linalg.inv(slopes.T @ slopes)[:2, :2]
     best_mm = -covariance[0, 1] / covariance[1, 1]
     best_rad2 = covariance[0, 0] + best_mm * covariance[0, 1]

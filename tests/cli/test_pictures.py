@@ -136,7 +136,7 @@ def test_a_folder_with_bad_pictures_becomes_a_run_that_says_so(
     assert done.exit_code == 1
     assert f"{len(UNREADABLE)} of {len(bad) + 1} pictures could not be read" in row["reason"]
     assert [bad[what].name for what in UNREADABLE if bad[what].name not in done.err] == []
-    assert re.search(r"measurements \d: radius \(mm\) +- +[\d.]+\n", labrig("reanalyze", row["run"]).out)
+    assert re.search(r"measurement \d: radius \(mm\) +- +[\d.]+\n", labrig("reanalyze", row["run"]).out)
     again = labrig("reanalyze", row["run"], "--json")
     result = json.loads((Path(again.json()[0]["analysis"]) / "result.json").read_text())
     reasons = {measurement["image"]: measurement["reason"] for measurement in result["measurements"]}

@@ -175,6 +175,8 @@ def _order_lines(run: Run, part: SessionPart) -> Iterator[TapeLine]:
         place = seq
         if stream != "truth":
             yield TapeLine(_name(stream, fields), fields)
+        if fields.get("kind") == RunStop.kind:
+            return  # what follows is where the axes came to rest, which no procedure asked for
 
 
 def _name(stream: str, fields: Mapping[str, Any]) -> str:

@@ -71,8 +71,7 @@ class SimulatedHardware:
 
     def open_source(self) -> PictureSource:
         """Open the camera, which may see the world. Raises `CameraError`."""
-        context = CameraContext(self.clock, self._rig.folder, self.world)
-        return self._rig.camera.open(context)
+        return self._rig.camera.open(CameraContext(self.clock, self._rig.folder, self.world))
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion."""

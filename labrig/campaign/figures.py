@@ -48,7 +48,8 @@ def draw_arms(result: CampaignResult, table: pd.DataFrame) -> DrawnFigure | None
         return None
     panels = 1 + (result.tolerance is not None) + bool(result.pairs)
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(9.6, 1.1 + 0.62 * len(result.arms)), layout="constrained")
+        figure = Figure(figsize=(9.6, 1.1 + 0.62 * len(result.arms)))
+        figure.set_layout_engine("constrained", w_pad=0.12)
         axes = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
         known = read_values(table, result.measure)
         drawn = [*known[~np.isnan(known)].tolist(), *([] if result.tolerance is None else [result.tolerance])]

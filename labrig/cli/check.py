@@ -47,7 +47,8 @@ def check(
     print_line(f"{protocol}{needs}" if found.ok else f"{protocol} cannot run{place}; mended, check it again")
     for age in found.calibration:
         print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))
-    print_line(f"not checked here: {', '.join(found.left_to_run)}")
+    if found.ok:
+        print_line(f"not checked here: {', '.join(found.left_to_run)}")
     if found.problems:
         say_page(found.problems)
     return 0 if found.ok else 1

@@ -22,4 +22,4 @@ def _ask(run: Path, order: Literal["pause", "continue"]) -> None:
 
     answer = ask_run(run, order)
     print_json({"run": str(run), "answer": answer})
-    print_line(answer)
+    print_line(f"{run}: {answer}")

@@ -62,7 +62,7 @@ def _tell_about(summary: Any) -> Iterator[str | None]:
     rig = Path(summary.sources.get("rig") or SIMULATED_RIG)
     yield summary.verdict
     yield None if summary.run.name.endswith(Path(protocol).stem) else Path(protocol).stem
-    yield None if rig.name == SIMULATED_RIG.name else rig.stem
+    yield None if rig.name == SIMULATED_RIG.name else f"rig {rig.stem}"
     yield from (re.sub(r"^[\w.]*\.", "", setting) for setting in summary.sources.get("settings", ()))
     yield None if seed is None else f"seed={seed}"
     yield from summary.tags

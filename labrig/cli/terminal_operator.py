@@ -199,7 +199,7 @@ def _read_answer(request: OperatorRequest, typed: str) -> Answer | None:
             numbers = _read_finite(typed)
             pixel = (numbers[0], numbers[1]) if len(numbers) == 2 else None
             return None if pixel is None else Answer(confirmed=True, note=typed, pixel=pixel)
-    agreed = {"y", "yes"} | ({"c", "continue"} if isinstance(request, Paused) else set())
+    agreed = {"c", "continue"} if isinstance(request, Paused) else {"y", "yes"}
     return Answer(confirmed=True, note=typed) if typed in agreed else None
 
 

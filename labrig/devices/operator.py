@@ -60,7 +60,8 @@ class PlaceSpecimen(OperatorRequest):
 
 
 class ShiftToHole(OperatorRequest):
-    """Shift specimen {specimen} to hole {number}, {position_mm:g} mm from its first entry point."""
+    """Shift specimen {specimen} to hole {number}, {position_mm:g} mm from its first entry point; nothing may have been
+    inserted there yet."""
 
     brings_gel = True
 

@@ -143,7 +143,7 @@ class SteerabilityProtocol(JudgedProtocol, NeedleProtocol):
         message = (
             f"min_window_mm is {window.min_window_mm:g}; with window_start_mm {window.window_start_mm:g} and "
             f"window_end_mm {window.window_end_mm:g} that asks for {window.least_length_mm:g} mm of needle, "
-            f"must be at most insertion.length_mm, {length_mm:g}"
+            f"and insertion.length_mm is {length_mm:g}"
         )
         return Conflict("analysis.min_window_mm", message, "insert further, or fit a shorter window")
 

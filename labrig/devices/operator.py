@@ -60,8 +60,10 @@ class PlaceSpecimen(OperatorRequest):
 
 
 class ShiftToHole(OperatorRequest):
-    """Shift specimen {specimen} to hole {number}, {position_mm:g} mm from its first entry point; nothing may have been
-    inserted there yet."""
+    """Shift specimen {specimen} to hole {number}, {position_mm:g} mm from its first entry point.
+
+    Nothing may have been inserted there yet.
+    """
 
     brings_gel = True
 

@@ -42,6 +42,7 @@ def round_up(value: float, decimals: int) -> str:
 _QUANTITIES = {
     "true_target_error": "true error at the target",
     "target_error": "error at the target",
+    "template_error": "distance by the estimate",
     "sigma_target_error_roll": "SD of the target error, by depth",
     "true_min_clearance": "true least clearance",
     "min_clearance": "least clearance",

@@ -136,7 +136,7 @@ class InsertionTrial(InsertionRow):
     has left the plane, from its place at the depth that is told. `target_error_budget_mm` says what
     `sigma_target_error_mm` consists of: lens, plane (with the drift between the grid pictures), surface, roll (what the
     depth that is not known makes of the place), lighting, and the reading of the end.
-    `template_error_mm` is the same distance by the template and the estimator, which steered: it is there to be
+    `template_error_mm` is the same distance by the estimate, which steered: it is there to be
     compared, and is no measurement of the error. `refused` says why the last search found no path. `mean_nis` is over
     the steps that were believed; two degrees of freedom, so 2 where the noise is what the protocol says. `as_recorded`
     says whether every estimate is the one of the live run within a tenth of its standard deviation, as it is with its

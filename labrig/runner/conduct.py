@@ -1,6 +1,7 @@
 """Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -132,7 +133,8 @@ def _close(
         )
         recorder.record_event(stop, t_s)
         if standing:
-            recorder.state(t_s, **standing)
+            with suppress(DiskError):  # a full disk has room for how the run ended
+                recorder.state(t_s, **standing)
         recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **updates)
     except BugError as error:
         return Outcome("failed", error.message, error)

@@ -75,8 +75,7 @@ def _avoidance_step(psi: FloatArray, around: Surroundings) -> FloatArray:
     """Return the sum over control points of equation (14) before its projection, (S, 2n)."""
     if not len(around.centres_mm):
         return np.zeros((len(psi), 2 * psi.shape[1]))
-    places = control_points(psi, around.problem.radius_mm, _CONTROL_POINTS)
-    away = places[..., None, :] - around.centres_mm
+    away = control_points(psi, around.problem.radius_mm, _CONTROL_POINTS)[..., None, :] - around.centres_mm
     apart = np.linalg.norm(away, axis=-1)
     ramp = np.clip((around.keep_off_mm + _RAMP_MM - apart) / _RAMP_MM, 0.0, 2.0)
     velocity = np.sum((ramp / np.maximum(apart, 1e-9))[..., None] * away, axis=-2)

@@ -116,7 +116,7 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
     if study.is_table_1:
         yield (
             f"Table I of the paper has {TABLE_1.beta_cut_deg} degrees, where its equation (3) gives "
-            f"{number(study.beta_cut_deg, 2)}; the rounding of its coefficients explains that."
+            f"{number(study.beta_cut_deg, 2)}; the rounding of its coefficients can explain that."
         )
     if (measured := study.measured) is not None:
         yield (

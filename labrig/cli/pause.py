@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 from labrig.cli.options import RunArgument
-from labrig.cli.output import print_json, print_line
+from labrig.cli.output import print_json, print_line, say
 
 
 def pause(run_path: RunArgument) -> None:
@@ -22,4 +22,5 @@ def _ask(run: Path, order: Literal["pause", "continue"]) -> None:
 
     answer = ask_run(run, order)
     print_json({"run": str(run), "answer": answer})
-    print_line(f"{run}: {answer}")
+    say(f"{run}:")
+    print_line(answer)

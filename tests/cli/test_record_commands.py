@@ -80,7 +80,7 @@ def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_pat
         shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)
     place = tmp_path / "runs"
     listed = labrig("runs", "--runs-dir", place)
-    assert ", the bench\n" in listed.out
+    assert ", rig the bench\n" in listed.out
     withdraw = "labrig devices withdraw --rig 'the bench.yaml' --run"
     for words in (
         f"a sweep was interrupted; take out a needle that is still in tissue: {withdraw} '{place}/a sweep'\n",

@@ -95,9 +95,8 @@ def _show(path: Path, outcome: Any) -> Row:
         for name, value in now.items()
         if name in of_the_run
         or before.get(name, value) != value
-        or (
-            old is None and value is not None and name.endswith(": radius_mm")
-        )  # all that pictures which belong to no gel tell
+        # All that pictures which belong to no gel tell.
+        or (old is None and value is not None and name.endswith(": radius_mm"))
     ]
     _print_values(rows, path.name, has_pictures=bool(new.get("measurements")))
     row: dict[str, object] = {"analysis": str(outcome.path), "reason": _find_missing_needle(new)}

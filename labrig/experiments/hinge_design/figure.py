@@ -110,7 +110,7 @@ def draw_hinge_figure(study: DesignStudy, name: str) -> DrawnFigure:
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         axes = figure.subplots()
         lines = (
-            (study.search.fit, _FITTED, "-", "our contour"),
+            (study.search.fit, _FITTED, "-", "our contour, fitted plane"),
             (study.equation_3, _PAPER, "--", "equation (3)"),
         )
         for cut_deg in (cuts_deg[0], cuts_deg[len(cuts_deg) // 2], cuts_deg[-1]):

@@ -74,8 +74,7 @@ def _read_camera(run: Run) -> dict[str, Any]:
     camera = devices.get("camera") if isinstance(devices, Mapping) else None
     if not isinstance(camera, Mapping) or not isinstance(camera.get("readback"), Mapping):
         return {}
-    settings = {**camera.get("reported", {}), **camera["readback"]}
-    found = CameraInUse.parse({**camera, "settings": settings})
+    found = CameraInUse.parse({**camera, "settings": {**camera.get("reported", {}), **camera["readback"]}})
     return {} if found is None else {CAMERA: found.model_dump()}
 
 

@@ -126,7 +126,9 @@ def adopt(run_path: RunArgument, rig: RigOption = None, force: ForceOption = Fal
         raise InputError(told, f"calibrate its own: labrig run protocols/calibration.yaml {adopting.option}")
     targets = adopting.calibration_paths()
     for path in targets.values():
-        require_writable(path, force, "replace the old one with --force; the run that made it keeps it")
+        require_writable(
+            path, force, "replace the old one with --force; copy it first if no run that made it is kept"
+        )
     lens = load_intrinsics(result.path / "intrinsics.json")
     view = load_plane(result.path / "plane.json", lens).view_sentence()
     for name, path in targets.items():

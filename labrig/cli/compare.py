@@ -11,7 +11,7 @@ from typer import Option
 from labrig.cli.options import RunsDirOption, RunsOrNoneArgument, WhereOption
 from labrig.cli.output import print_json, print_line, print_table, quote, say
 from labrig.cli.progress import show_working
-from labrig.cli.several_runs import choose_runs
+from labrig.cli.several_runs import choose_runs, note_writer
 from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
 from labrig.lab import COMPARISONS, find_in_lab
@@ -45,6 +45,8 @@ def compare(
     from labrig.report.comparison_page import shorten_runs
 
     paths = choose_runs(run_paths, where, runs_dir, "compare")
+    for path in paths:
+        note_writer(path)
     with show_working("reading the runs"):
         measured, left_out = open_measured_runs(paths)
     for run in left_out:

@@ -159,10 +159,8 @@ def annotate(
     """Write RUN/notes.json; what was recorded is not changed. Without an option print what is there."""
     from labrig.record.notes import annotate_run, read_annotations
 
-    changes = bool(tag or untag or note is not None or verdict)
-
     def annotate_one(run: Path) -> Mapping[str, object]:
-        if changes:
+        if tag or untag or note is not None or verdict:
             author = by or _find_account()
             annotate_run(run, tags=tag or (), untag=untag or (), note=note, verdict=verdict, by=author)
             if (run / "report.html").exists():

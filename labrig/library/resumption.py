@@ -16,6 +16,7 @@ from labrig.library.sources import find_recorded_rig, fit_rig, load_rig_for
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
+from labrig.record.events import UNENDED
 from labrig.record.layout import find_rig_option, hash_file, is_simulated
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
@@ -79,9 +80,10 @@ def resume_run(
         raise FileFormatError(plan.problems)
     if not plan.trials:
         return finish(_close_without_rig(run, past, command_line), experiment, command_line, attendant)
-    told = f"{path}: {format_count(past.kept, 'trial')} ended before, {plan.trials} left"
-    for lost in (trial.start.trial for trial in past.begun if trial.stop is None):
-        told += f"; trial {lost + 1} has not ended and is made again"
+    lost = (
+        ", with those that were interrupted" if past.begun and past.begun[-1].exit_status in UNENDED else ""
+    )
+    told = f"{path}: {format_count(past.kept, 'trial')} ended before, {plan.trials} left{lost}"
     attendant.say(f"{told}; the protocol is that of its record")
     require_free_bytes(path, count_needed_bytes(plan, description))
 

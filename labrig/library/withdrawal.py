@@ -85,7 +85,7 @@ def _open_run_with_needle(rig: RigDescription, given: Path | None, runs_dir: Pat
     if rig.kind == "simulated":
         raise InputError(
             f"{rig.name}: a simulated rig has new gel whenever it is opened, with no needle in it",
-            "run the protocol again",
+            "the next labrig run on it asks to confirm that none is, and forgets this one",
         )
     if given is None and state.since_run is None:
         raise InputError(

@@ -81,8 +81,7 @@ class Comparison:
 
     def refuse(self, known: Collection[str]) -> InputError:
         """Return the error of a field that no run has; names the one that was probably meant."""
-        short = {path.rpartition(".")[2] for path in known}
-        near = get_close_matches(self.name, sorted(short), 1, 0.75)
+        near = get_close_matches(self.name, sorted({path.rpartition(".")[2] for path in known}), 1, 0.75)
         meant = f"did you mean {near[0]}? " if near else ""
         message = f"--where, character {self.column}: no run has a field {self.name!r}"
         return InputError(message, f"{meant}fields: {_USUAL}")

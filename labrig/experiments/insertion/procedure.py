@@ -175,7 +175,7 @@ def steer(
     insertion: "Insertion", state: SteeringState, command: SteeringCommand
 ) -> tuple[SteeringState, SteeringCommand]:
     """Run the closed loop until a stop: turn, advance, take a picture, find the tip, estimate and plan."""
-    insertion.session.tell_next_point("now, axes hold")
+    insertion.session.tell_next_point("after this turn or step, axes hold then")
     while command.stop is None:
         if insertion.session.reach_safe_point(IN_TISSUE, in_tissue=True):
             insertion.run_to_mm = 0.0  # the move ended where the needle was stopped

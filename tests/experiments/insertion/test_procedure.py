@@ -382,6 +382,6 @@ def test_a_pause_in_tissue_holds_where_the_needle_is_and_goes_on_to_the_target(t
     passed = [look["depth_mm"] for look in looks if look["t_s"] <= pause["t_s"]]
     assert 0.0 <= stood - passed[-1] < 1.0
     assert looks[len(passed)]["depth_mm"] > stood
-    assert "now, axes hold" in asks.told
+    assert "after this turn or step, axes hold then" in asks.told
     assert truth(run)["true_target_error_mm"] < 1.0
     require_identical(run)

@@ -170,7 +170,8 @@ STOPPED = SyntheticSweep(exit_status="aborted", without_final=frozenset({3}))
         (SyntheticSweep(exit_status="failed"), "failed", r"The run failed: the operator said no\."),
         (
             replace(STOPPED, exit_status=None), "incomplete",
-            r"The run was never closed: .* left in its gel, .*: the run stopped within trial 4\. .*labrig resume",
+            (r"The run was never closed: .* left in its gel, .*: the run stopped within trial 4\. "
+             "At the last recorded reading the insertion axis stood .*labrig resume"),
         ),
         (
             STOPPED, "aborted",

@@ -49,9 +49,8 @@ def save_oriented(path, image, orientation, order):
 @pytest.mark.parametrize(("suffix", "order"), [("jpg", ">"), ("jpg", "<"), ("png", ">")])
 def test_refuses_a_picture_that_is_to_be_shown_turned(suffix, order, tmp_path):
     """Pixels that a person reads in a viewer would not be the sensor's."""
-    turned = save_oriented(tmp_path / f"turned.{suffix}", GREY, 6, order)
     with pytest.raises(PictureError, match=rf"turned\.{suffix} is to be shown turned or mirrored") as caught:
-        read_picture(turned)
+        read_picture(save_oriented(tmp_path / f"turned.{suffix}", GREY, 6, order))
     assert "without that mark" in caught.value.hint
     assert size_of(read_picture(save_oriented(tmp_path / f"upright.{suffix}", GREY, 1, order))) == (40, 30)
 

@@ -7,7 +7,6 @@ from typing import Any, Self
 
 from labrig.clock import Clock
 from labrig.devices.axis_positions import AxisPositions
-from labrig.devices.drives.drive import DriveReading
 from labrig.devices.state_line import write_state_line
 from labrig.errors import (
     BugError,
@@ -100,9 +99,9 @@ def _conduct(session: Session, beginning: RunStart, procedure: Callable[[], obje
 
 def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     """Stop the axes, then close the record; a failure of either becomes part of the outcome."""
-    standing: Mapping[str, DriveReading] = {}
+    standing: Mapping[str, object] = {}
     try:
-        standing = session.rig.end()
+        standing = write_state_line(session.description, session.rig.end())
     except MachineError as error:
         outcome = replace(outcome.add(error, "stopping"), exit_status="failed")
     after = session.rig.snapshot()
@@ -115,8 +114,7 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
             recorder.can_frames(frames)
         except DiskError as error:
             ended = outcome.fail(error)
-        line = write_state_line(session.description, standing)
-        return _close(recorder, clock, ended_s, ended, line, devices_after=after)
+        return _close(recorder, clock, ended_s, ended, standing, devices_after=after)
 
     return session.rig.do_aside(close)
 

@@ -66,8 +66,9 @@ def search_plane(around: Surroundings, known: Sequence[FloatArray]) -> Iterator[
     yield _search_first(around, field, target, _FIRST, known)
     tolerance_mm = np.sqrt(max(around.problem.tolerance_mm**2 - around.target_mm[0] ** 2, 0.0))
     ring = _END_SHARE * tolerance_mm * np.exp(2j * np.pi * np.arange(_ENDS) / _ENDS)
+    targets = np.concatenate(([target], target + ring))
     for effort in _CLOSER:
-        yield _search_closer(around, field, np.concatenate(([target], target + ring)), effort)
+        yield _search_closer(around, field, targets, effort)
     if len(field.discs):
         for smaller_mm in _SMALLER_MM:
             yield _search_mended(around, field.with_smaller_discs(smaller_mm), target)

@@ -102,8 +102,9 @@ class PlanProblem:
             self._check_obstacle(number, obstacle)
 
     def _check_obstacle(self, number: int, obstacle: Obstacle) -> None:
+        centre = np.asarray(obstacle.position_mm)
         for name, point in (("start", np.asarray(self.start)[:3, 3]), ("target", np.asarray(self.target_mm))):
-            offset = point - np.asarray(obstacle.position_mm)
+            offset = point - centre
             apart = math.sqrt(offset @ offset)
             if apart <= obstacle.radius_mm:
                 raise InputError(

@@ -354,17 +354,19 @@ def judge_end(
     if shaft is not None and swings:
         fit_mm = math.hypot(shaft.errors.fit_mm or 0.0, SWUNG * shaft.width_px * plane.mm_per_px)
         shaft = replace(shaft, errors=replace(shaft.errors, fit_mm=fit_mm))
-    seen = see_end(plane, shaft, estimate, drift=drift, depth=depth)
-    if seen is None:
-        return None
     budget = budget_out_of_plane(path, problem.radius_mm, unseen)
-    bounds = bound_error(seen, budget, problem.target_mm, target_sd_mm)
-    if depth is None or shaft is None:
-        return bounds if shaft is None else replace(bounds, errors=shaft.errors)
-    depth = replace(depth, possible=(PossibleDepth(1.0, depth.picture_x_mm, depth.picture_sd_mm),))
-    shown = see_end(plane, shaft, None, drift=drift, depth=depth) or seen
-    shown_mm = bound_error(shown, budget, problem.target_mm, target_sd_mm).interval_mm
-    return replace(bounds, errors=shaft.errors, picture_interval_mm=shown_mm)
+
+    def bound(estimate: EstimatedEnd | None, depth: Depth | None) -> TargetErrorBounds | None:
+        seen = see_end(plane, shaft, estimate, drift=drift, depth=depth)
+        return None if seen is None else bound_error(seen, budget, problem.target_mm, target_sd_mm)
+
+    bounds, alone = bound(estimate, depth), None
+    if bounds is None or shaft is None:
+        return bounds
+    if depth is not None:
+        by_picture = PossibleDepth(1.0, depth.picture_x_mm, depth.picture_sd_mm)
+        alone = bound(None, replace(depth, possible=(by_picture,)))
+    return replace(bounds, errors=shaft.errors, picture_interval_mm=alone.interval_mm if alone else None)
 
 
 def _find_depth(

@@ -340,8 +340,7 @@ class Insertion:
         # Markers may have moved the target since.
         known = None if self.markers or not state.plan.arcs else state.plan.psi
         state, command = self.session.compute(partial(start_steering, self.settings, known))
-        found = (None, "markers") if origin is None else (origin.frame, "origin")
-        self._record_plan(state, *found)
+        self._record_plan(state, *((None, "markers") if origin is None else (origin.frame, "origin")))
         return state, command
 
     def confirm(self, picture: TakenPicture, state: SteeringState, origin: TrialOrigin | None = None) -> None:

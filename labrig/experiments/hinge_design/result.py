@@ -122,8 +122,7 @@ def list_findings(study: DesignStudy) -> Iterator[str]:
         yield (
             f"The radius that the protocol gives as measured, {measured.radius_mm:g} mm, is a rotation of "
             f"{number(measured.beta_rot_deg, 2)} degrees. Cut at {number(measured.beta_cut_deg, 2)} degrees, that "
-            f"takes an effective clearance of {number(measured.clearance_mm, 4)} mm by equation (3), "
-            f"{number(measured.search_clearance_mm, 4)} mm by the fitted plane of our contour."
+            f"takes an effective clearance of {number(measured.clearance_mm, 4)} mm by equation (3)."
         )
 
 

@@ -174,7 +174,7 @@ def reanalyze(run: AnyRun, *, settings: Sequence[str] = (), attendant: Attendant
     """
     opened = open_run(run)
     experiment = find_run_experiment(opened)
-    with attendant.progress(f"measuring {opened.path.name}", 1.0) as progress:
+    with attendant.progress(f"analysing {opened.path.name}", 1.0) as progress:
         return analyze_run(
             opened,
             experiment,
@@ -193,7 +193,7 @@ def reanalyze_runs(
     attendant: Attendant = _SILENT,
 ) -> Generator[tuple[Path, AnyResult | LabrigError], None, None]:
     """Measure several runs at once, as `reanalyze` does, and yield each with its result as it comes, or its error."""
-    title = f"measuring {format_count(len(runs), 'run')}"
+    title = f"analysing {format_count(len(runs), 'run')}"
     with open_pool(workers, None, "analysed runs") as pool, attendant.progress(title, 1.0) as progress:
         yield from analyze_runs(
             runs,

@@ -123,7 +123,7 @@ def measure(
     path: Path, experiment: Experiment, command_line: tuple[str, ...], attendant: Attendant
 ) -> AnyResult:
     """Measure a run with its own settings, and write a new numbered result."""
-    with attendant.progress(f"measuring {path.name}", 1.0) as progress:
+    with attendant.progress(f"analysing {path.name}", 1.0) as progress:
         return analyze_run(
             open_run(path),
             experiment,

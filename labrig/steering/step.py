@@ -135,7 +135,7 @@ def _make_due_turns(state: SteeringState, settings: SteeringSettings) -> tuple[S
 def _stop_at_end(state: SteeringState, settings: SteeringSettings) -> SteeringCommand:
     problem = settings.problem
     miss_mm = float(np.linalg.norm(state.tip.position_mm - problem.target_mm))
-    seen = f"at the end of its path the tip was {miss_mm:.2f} mm from the target by the template"
+    seen = f"at the end of its path the tip was {miss_mm:.2f} mm from the target by the estimate"
     detail = f"{seen}, and {problem.tolerance_mm:g} mm are allowed"
     return _stop(state, "target_reached" if miss_mm <= problem.tolerance_mm else "target_missed", detail)
 

@@ -79,8 +79,7 @@ class Measured:
     @cached_property
     def fields(self) -> Fields:
         """The values of manifest, protocol and notes by dotted path."""
-        manifest = {**self.run.manifest, "protocol": self.run.protocol}
-        return manifest_fields(manifest, self.run.annotations)
+        return manifest_fields({**self.run.manifest, "protocol": self.run.protocol}, self.run.annotations)
 
     def find_column(self, quantity: str) -> tuple[str, str] | None:
         """Return the first table and column of a quantity, `COLUMN` or `TABLE.COLUMN`; None without one."""

@@ -151,8 +151,7 @@ def _collinear_error(count: int) -> MeasurementRefusedError:
 
 def _find_least_median(points: _FloatArray) -> _FloatArray:
     """Return the circle through three of the points with the least median absolute residual."""
-    generator = np.random.default_rng(_TRIPLE_SEED)
-    triples = points[generator.integers(0, len(points), size=(_TRIPLES, 3))]
+    triples = points[np.random.default_rng(_TRIPLE_SEED).integers(0, len(points), size=(_TRIPLES, 3))]
     origins, sides = triples[:, 0], triples[:, 1:] - triples[:, :1]
     kept = np.abs(np.linalg.det(sides)) > _LEAST_FLATNESS
     if not kept.any():

@@ -42,6 +42,8 @@ from labrig.vision.shaft_trace import Orientation, Trace, Widths, filter_bars, m
 
 FloatArray = NDArray[np.float64]
 
+# A trace may follow an edge of a shining tube, off its middle by half of this excess.
+_SHEATH_MARGIN = 1.3
 # A guide that ends this close to the border was cut by it.
 _BORDER_PX = 2.0
 # An end in the last rows of the strip is no end.
@@ -188,8 +190,7 @@ def locate_shaft(
     trace = choose_shaft(traces, scene.picture, widths, scene.px)
     # What hides a stretch of the shaft does not end it.
     hole_mm = LARGEST_HOLE_MM + trace.hidden_mm
-    guide = _refine_guide(scene, trace, widths, hole_mm)
-    shaft, last, tip = _measure(scene, guide, widths, hole_mm)
+    shaft, last, tip = _measure(scene, _refine_guide(scene, trace, widths, hole_mm), widths, hole_mm)
     share, most = measure_beyond(bars, tip, last)
     if share > most and not needle_inside:
         u, v = shaft.tip_px
@@ -204,9 +205,10 @@ def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, hole_mm: float) -
     """Return a guide along the middle of the shaft's edges, from the border to beyond the tip."""
     scale = widths.px_per_mm
     coarse = fit_guide(trace.points, scale, 0.0, 0.0)
-    _, edges = scene.edges(coarse, widths)
-    run = find_longest_run(edges.counts, scale, hole_mm)
-    entry = find_sheath_end(edges.width / scale, run, widths)
+    try:
+        edges, run, entry = _find_sheath(scene, coarse, widths, hole_mm)
+    except MeasurementRefusedError:
+        edges, run, entry = _find_sheath(scene, coarse, widths, hole_mm, _SHEATH_MARGIN)
     rows = np.flatnonzero(run & _is_bar(edges.width, run, entry))
     rows = rows[rows < rows[-1] - _BEVEL_ONSET * widths.needle_px] if len(rows) else rows
     if len(rows) < max(scale * _LEAST_LENGTH_MM, LEAST_POINTS):
@@ -222,6 +224,15 @@ def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, hole_mm: float) -
     if len(guide.places) < LEAST_POINTS:
         raise MeasurementRefusedError("the shaft lies on the picture's border")
     return guide
+
+
+def _find_sheath(
+    scene: _Scene, guide: Guide, widths: Widths, hole_mm: float, margin: float = 1.0
+) -> tuple[Edges, NDArray[np.bool_], float]:
+    """Return the edges within a sheath that is wider by a factor, the longest run of them, and the sheath's end."""
+    _, edges = scene.edges(guide, replace(widths, sheath_mm=widths.sheath_mm and margin * widths.sheath_mm))
+    run = find_longest_run(edges.counts, widths.px_per_mm, hole_mm)
+    return edges, run, find_sheath_end(edges.width / widths.px_per_mm, run, widths)
 
 
 def _measure(

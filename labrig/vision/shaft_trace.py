@@ -36,9 +36,8 @@ _BAR_SIGMA = 0.6
 # A sheath wider than this many needle diameters is a bar of its own width; the smoothing for it, in its diameters.
 _WIDE_SHEATH = 2.1
 _WIDE_SIGMA = 0.35
-# A needle without a stated sheath may look thicker than stated by this factor; the first guide of a wide sheath may be
-# off its middle by half of this excess.
-_WIDEST, _WIDE_MARGIN = 1.35, 1.3
+# A needle without a stated sheath may look thicker than stated by this factor.
+_WIDEST = 1.35
 # The shaft is searched for this close to the border where it enters, as a straight bar of this length.
 _ENTRY_MM = 20.0
 _ENTRY_BAR_MM = 4.0
@@ -99,9 +98,7 @@ class Widths:
     @property
     def widest_px(self) -> float:
         """Width of the widest part of the shaft, as far as it may be off."""
-        widest_mm = max(self.sheath_mm or 0.0, _WIDEST * self.needle_mm)
-        margin = _WIDE_MARGIN if widest_mm > _WIDE_SHEATH * self.needle_mm else 1.0
-        return widest_mm * self.px_per_mm * margin
+        return max(self.sheath_mm or 0.0, _WIDEST * self.needle_mm) * self.px_per_mm
 
     @property
     def glint_px(self) -> float:
@@ -185,8 +182,7 @@ class BarMap:
 
     def full_px(self, reduced: NDArray[np.complex128]) -> FloatArray:
         """Return pixels (N, 2) of the picture at places u + iv of the reduced one."""
-        points = np.column_stack((reduced.real, reduced.imag))
-        return (points + 0.5) * self.factor - 0.5
+        return (np.column_stack((reduced.real, reduced.imag)) + 0.5) * self.factor - 0.5
 
     def reduced(self, points: FloatArray) -> NDArray[np.complex128]:
         """Return the places u + iv in the reduced picture of pixels (N, 2)."""

@@ -95,8 +95,7 @@ class TipTemplate:
     @cached_property
     def coarse_fit(self) -> FitTemplate:
         """The picture without glints, prepared for the first fit, without pixels that may be glints at the rim."""
-        side = min(self.picture.shape)
-        brightest = remove_glints(self.picture, side, beyond=255)
+        brightest = remove_glints(self.picture, min(self.picture.shape), beyond=255)
         sure = cv2.absdiff(brightest, self.plain) <= _UNSURE
         return FitTemplate(self.plain, self.tip_px, sure, robust=False)
 

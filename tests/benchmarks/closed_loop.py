@@ -31,11 +31,10 @@ Flags = NDArray[np.bool_]
 
 def print_table() -> None:
     """Print where the default policy and the paper's end in worlds, and what the default policy says of it."""
-    seeds = range(WORLDS)
     for name in ("reference", "hard"):
         for policy in get_args(Policy):
             with ProcessPoolExecutor() as executor:
-                timed = executor.map(partial(_time_insertion, name, policy), seeds, chunksize=2)
+                timed = executor.map(partial(_time_insertion, name, policy), range(WORLDS), chunksize=2)
                 ends, times_s = zip(*timed, strict=True)
             rows = _describe_ends(ends, float(np.mean(times_s)))
             if policy == "default":

@@ -53,8 +53,7 @@ def _print_headings() -> None:
         rows.append(
             [_world(planar), f"{paper:.2f}", f"{default:.2f}", f"{curved:.2f}", f"{ratio:.2f}", limit]
         )
-    heads = ("heading RMSE, deg", "paper", "error-state", "curvature estimated", "ratio", "at most")
-    print_rows(heads, rows)
+    print_rows(("heading RMSE, deg", "paper", "error-state", "curvature estimated", "ratio", "at most"), rows)
 
 
 def _print_bound() -> None:
@@ -72,8 +71,7 @@ def _print_bound() -> None:
             rows.append(
                 [_world(planar), name, f"{rmse:.3f}", f"{bound:.3f}", f"{rmse / bound:.3f}", between, "1.05"]
             )
-    heads = ("heading, deg", "radius", "RMSE", "posterior bound", "ratio", "95 %", "at most")
-    print_rows(heads, rows)
+    print_rows(("heading, deg", "radius", "RMSE", "posterior bound", "ratio", "95 %", "at most"), rows)
 
 
 def _compare_with_bound(seed: int, planar: bool, radius_sd_mm: float) -> tuple[float, float]:

@@ -107,8 +107,7 @@ def print_table() -> None:
     heads = ("sheets", RIGHT, REFUSED, WRONG, "accepted", "median error", "largest", "median s", "worst s")
     groups = [group for by in ("scale", "ruling") for group in sheets.groupby(by, sort=False)]
     print_rows(("", *heads), [[name, *_summarise(group)] for name, group in (*groups, ("all", sheets))])
-    refused = sheets[sheets["verdict"] == REFUSED]
-    for scale, own in refused.groupby("scale", sort=False):
+    for scale, own in sheets[sheets["verdict"] == REFUSED].groupby("scale", sort=False):
         for reason, count in own["reason"].value_counts().items():
             print(f"{scale}, {count} refused: {reason}")
     print(f"seeds from {FIRST_SEED}; wrong: a length off by more than {LARGEST_ERROR:.1%}\n")

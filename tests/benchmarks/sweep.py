@@ -39,8 +39,7 @@ def print_table() -> None:
 def _sweep(runs_dir: Path, *settings: str) -> tuple[FinishedCommand, dict[str, Any]]:
     protocol, rig = ROOT / "protocols" / "steerability.yaml", ROOT / "calibration" / "rig-simulated.yaml"
     files = [str(protocol), "--rig", str(rig), "--runs-dir", str(runs_dir)]
-    command = [sys.executable, "-m", "labrig", "run", *files, *settings]
-    measured = measure([*command, "--json"], memory=True)
+    measured = measure([sys.executable, "-m", "labrig", "run", *files, *settings, "--json"], memory=True)
     return measured, json.loads(measured.out)
 
 

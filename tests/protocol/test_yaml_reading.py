@@ -103,8 +103,7 @@ def test_duplicate_keys_tags_and_keys_that_are_no_words_are_gathered():
     """Faults that do not stop the reading are told together, in the order of the file."""
     with pytest.raises(FileFormatError) as caught:
         validate_tree(read_tree("a: 1\na: !!python/object:os.system 2\n? [c]\n: 4\n", "x.yaml"), Anything)
-    problems = [(problem.where, problem.message.split(",")[0]) for problem in caught.value.problems]
-    assert problems == [
+    assert [(problem.where, problem.message.split(",")[0]) for problem in caught.value.problems] == [
         ("x.yaml:2:1 a", "the key is given twice"),
         ("x.yaml:2:4 a", "the tag python/object:os.system is not allowed"),
         ("x.yaml:3:3", "a key must be a plain word"),

@@ -150,8 +150,7 @@ def test_a_refusal_gives_its_reason(target, spheres, how, reason):
 @pytest.mark.parametrize("roll_rad", [0.0, math.pi])
 def test_what_one_arc_reaches_is_reached_by_it(roll_rad):
     """Also on the turning circle itself, as far as the tolerance from what is out of reach."""
-    end_mm = integrate_path([(roll_rad, 1.0)], 27.6)[-1]
-    plan = plan_path(PlanProblem(tuple(end_mm), planar=True, max_arcs=1))
+    plan = plan_path(PlanProblem(tuple(integrate_path([(roll_rad, 1.0)], 27.6)[-1]), planar=True, max_arcs=1))
     np.testing.assert_allclose(plan.psi, [(1.0, roll_rad)], atol=1e-6)
 
 
@@ -246,8 +245,7 @@ def test_a_path_is_feasible_just_within_each_limit_and_not_beyond(limit, least):
     """An arc of 30 mm ends half a millimetre out of the plane of its target; it passes an obstacle 1.4 mm away."""
     psi = np.array([[(30.0 / 27.6, np.pi)]])
     half, end = (integrate_path([(np.pi, length / 27.6)], 27.6)[-1] for length in (15.0, 30.0))
-    sphere = Obstacle((half[0] + 8.0, *half[1:]), 6.0)
-    problem = PlanProblem((0.5, *end[1:]), (sphere,), axis=(0.0, 0.0, 1.0))
+    problem = PlanProblem((0.5, *end[1:]), (Obstacle((half[0] + 8.0, *half[1:]), 6.0),), axis=(0.0, 0.0, 1.0))
     for change, found in ((1e-3, True), (-1e-3, False)):
         value = least - change if limit == "clearance_mm" else least + change
         around = Surroundings(replace(problem, **{limit: value}))

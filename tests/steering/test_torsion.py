@@ -114,9 +114,8 @@ def test_the_base_is_never_driven_beyond_its_limits(arcs_mm, lag, limit_rad):
 def test_a_bevel_in_the_sheath_is_centred(from_rad, lag_rad, off):
     """From any base angle, and wherever the bevel was in its play, it comes to the roll zero."""
     turn = centre_bevel(from_rad, TorsionalLag(lag_rad), WIDE)
-    bevel_rad = from_rad + off * lag_rad / 0.3
     if abs(from_rad) > 2 * lag_rad:
-        assert turn_with(bevel_rad, turn, lag_rad) == pytest.approx(0.0, abs=1e-12)
+        assert turn_with(from_rad + off * lag_rad / 0.3, turn, lag_rad) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(("base_rad", "to_rad"), [(0.0, math.pi), (math.pi, 0.0), (-math.pi, 0.0)])

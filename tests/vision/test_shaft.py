@@ -1,11 +1,13 @@
 """The shaft: its ends and width, among walls, wide sheaths, gel edges and other shafts; pictures without a shaft."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from labrig.errors import MeasurementRefusedError
+from labrig.vision.picture import read_picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import locate_shaft
 from tests.vision.renderer import Bar, Gel, Needle, Photo, flat_camera
@@ -68,6 +70,13 @@ def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
 def test_short_needles_and_slanting_sheaths_are_one_shaft(needle, seed):
     """A few millimetres beyond the sheath have a length; a sheath that crosses several rows at the border is one."""
     assert locate(Gel(needle), seed).length_mm == pytest.approx(needle.length_mm, abs=0.15)
+
+
+def test_a_shining_sheath_is_found_by_a_trace_along_its_edge():
+    """The picture is of a simulated rig: the trace of the sheath follows one of its two dark lines."""
+    picture = read_picture(Path(__file__).parent / "marks" / "shining_sheath.png")
+    plane = flat_camera(9.49, (300, 170)).plane_map()
+    assert locate_shaft(picture, plane, 1.2, 2.0).length_mm == pytest.approx(5.1, abs=0.15)
 
 
 @pytest.mark.parametrize(

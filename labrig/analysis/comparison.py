@@ -110,11 +110,13 @@ class Comparison(Model):
 class ComparedRuns:
     """A comparison, and the measurements behind it.
 
-    `table` has a row for each measurement, with the columns `group` (empty if it is in none), `block` and `value`.
+    `table` has a row for each measurement, with the columns `group` (empty if it is in none), `block` and `value`;
+    `asked` are the fields that were asked for.
     """
 
     comparison: Comparison
     table: pd.DataFrame
+    asked: tuple[str, ...]
 
 
 def compare_runs(
@@ -185,7 +187,7 @@ def compare_runs(
         used=tuple(run.about for run in used),
         left_out=tuple({"run": name, "reason": why} for name, why in omitted.items()),
     )
-    return ComparedRuns(comparison, rows)
+    return ComparedRuns(comparison, rows, tuple(by))
 
 
 def _choose_quantity(runs: Sequence[Measured]) -> str:

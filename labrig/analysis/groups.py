@@ -98,10 +98,14 @@ def _rank(value: str) -> tuple[float, str]:
 
 
 def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
-    names = _list_groups(rows)
+    names, counted = _list_groups(rows), rows[rows["value"].notna()]
     what = f"there is only one group: {names[0]}" if names else f"no measurement names {' and '.join(by)}"
+    if empty := sorted({*rows["group"].dropna()}.difference(names)):
+        what += (
+            f"; of {', '.join(empty)} no value counts (refused, left out, or a needle broken off on its way)"
+        )
     fields = (*DEFAULT_FIELDS, "specimen", "hole", "run")
-    telling = [name for name in fields if name in rows and rows[name].nunique() > 1 and name not in by]
+    telling = [name for name in fields if name in rows and counted[name].nunique() > 1 and name not in by]
     others = f"--by {' or --by '.join(telling)} tells them apart, or " if telling else ""
     return InputError(f"nothing to compare: {what}", f"{others}name more runs, or a sweep of several gels")
 

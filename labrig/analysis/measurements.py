@@ -76,6 +76,10 @@ class Measured:
         """Its name among the others."""
         return self.about.run
 
+    def rename(self, name: str) -> "Measured":
+        """Return the run with another name among the others."""
+        return replace(self, about=self.about.model_copy(update={"run": name}))
+
     @cached_property
     def fields(self) -> Fields:
         """The values of manifest, protocol and notes by dotted path."""
@@ -115,9 +119,8 @@ class Measured:
             rows = rows[~several | (rows["frame"] == rows["final_frame"]).fillna(value=False)]
         times_s = rows["start_t_s"].astype("float64").fillna(0.0)
         decisions = self.run.decisions
-        about = self.about.model_dump(include={"run", "experiment", "result"})
         whole = rows.drop(columns=["start_t_s", "final_frame"]).assign(
-            **about,
+            **self.about.model_dump(include={"run", "experiment", "result"}),
             started=times_s.map(self.run.find_moment).map(
                 lambda at: at.isoformat(timespec="seconds"), "ignore"
             ),
@@ -175,8 +178,7 @@ def open_measured_runs(
     names = Counter(run.name for run in measured)
     for place, run in enumerate(measured):
         if names[run.name] > 1:
-            about = run.about.model_copy(update={"run": str(run.run.path)})
-            measured[place] = replace(run, about=about)
+            measured[place] = run.rename(str(run.run.path))
     return measured, left_out
 
 

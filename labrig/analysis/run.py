@@ -190,8 +190,7 @@ def analyze_runs(
         provenance=dict(provenance),
     )
     sizes = [max(1, sum(1 for _ in (run / FRAMES).glob("*"))) for run in runs]
-    seen = ((run, (run / MANIFEST).is_file()) for run in runs)
-    with closing(run_in_order(pool, task, seen)) as outcomes:
+    with closing(run_in_order(pool, task, ((run, (run / MANIFEST).is_file()) for run in runs))) as outcomes:
         for run, outcome, done in zip(runs, outcomes, accumulate(sizes), strict=True):
             if progress is not None:
                 progress(done, sum(sizes), run)

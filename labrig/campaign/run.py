@@ -150,7 +150,6 @@ def _judge(loaded: LoadedCampaign, row: Row) -> None:
 def write_report(loaded: LoadedCampaign, store: CampaignStore) -> Campaign:
     """Write the table and the page of the tasks that are done. Raises `DiskError`."""
     table, file = store.write_table(), store.folder / TABLE_FILE
-    by_rule = ends_by_rule(loaded.file, loaded.by, store.rows)
-    result = make_result(loaded, table, file=file, by_rule=by_rule)
+    result = make_result(loaded, table, file=file, by_rule=ends_by_rule(loaded.file, loaded.by, store.rows))
     report = write_page(store.folder, loaded, result, table, SystemClock().utc())
     return Campaign(store.folder, result, file, report)

@@ -223,8 +223,7 @@ def _compare_shares(
     gained = int((~reached[:, 0] & reached[:, 1]).sum())
     lost = int((reached[:, 0] & ~reached[:, 1]).sum())
     b, c, n = gained + 0.5, lost + 0.5, len(values) + 2.0
-    quantile = float(ndtri(1.0 - 0.025 / pairs))
-    centre, half = (b - c) / n, quantile * math.sqrt(b + c - (b - c) ** 2 / n) / n
+    centre, half = (b - c) / n, float(ndtri(1.0 - 0.025 / pairs)) * math.sqrt(b + c - (b - c) ** 2 / n) / n
     share = (gained - lost) / len(values)
     return share, (max(-1.0, centre - half), min(1.0, centre + half)) if len(values) > 1 else None
 

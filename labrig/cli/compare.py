@@ -30,7 +30,8 @@ def compare(
         Option(
             metavar="FIELD",
             help="Group by needle, gel, specimen, hole, run, another column, or a key or section of the protocol; "
-            "repeatable. Default: needle and gel; the run where these are the same.",
+            "repeatable. Default: needle and gel; where these are the same, the policy if each run has its own, or "
+            "the run.",
         ),
     ] = None,
     runs_dir: RunsDirOption = None,
@@ -63,7 +64,7 @@ def compare(
         "report": str(folder / "report.html"),
     }
     print_json(document)
-    _print(document | shorten_runs(compared.comparison)[0].model_dump(mode="json"))
+    _print(document | shorten_runs(compared, measured)[0].model_dump(mode="json"))
     failed = [run.error.exit_code for run in left_out if where is None or isinstance(run.error, RecordError)]
     return failed[0] if failed else 0
 

@@ -1,7 +1,6 @@
 """The page, the figure and the tables of a comparison, in a folder of their own."""
 
 import os
-import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -14,7 +13,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labrig.analysis.comparison import ComparedRuns, Comparison, Group
+from labrig.analysis.comparison import ComparedRuns, Comparison, Group, compare_runs
 from labrig.analysis.engine import describe_installation
 from labrig.analysis.groups import Unit
 from labrig.analysis.measurements import Measured
@@ -63,9 +62,7 @@ def write_comparison(
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
     write_atomically(folder / DOCUMENT_FILE, encode_document(whole.model_dump(mode="json")))
-    content, letters = shorten_runs(whole)
-    groups = {of.name: short.name for of, short in zip(whole.groups, content.groups, strict=True)}
-    table = table.assign(run=table["run"].replace(letters), group=table["group"].replace(groups))
+    content, table, letters = shorten_runs(compared, measured)
     used = [run.run for run in measured if run.about in whole.used]
     ends = _name_ends(content.quantity, table)
     figure = draw_groups(content, table, ends) if len(content.groups) <= MOST_GROUPS else None
@@ -96,16 +93,18 @@ def write_comparison(
     write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)
 
 
-def shorten_runs(content: Comparison) -> tuple[Comparison, Mapping[str, str]]:
-    """Return a comparison by run with letters where names are too long for a figure, and the letter of each name."""
-    names = [run.run for run in content.used]
-    if "run" not in content.by or max(map(len, names)) <= _LONGEST_NAME or len(names) > len(ascii_uppercase):
-        return content, {}
+def shorten_runs(
+    compared: ComparedRuns, measured: Sequence[Measured]
+) -> tuple[Comparison, pd.DataFrame, Mapping[str, str]]:
+    """Return comparison and table, with letters for runs whose names are too long for a figure, and these letters."""
+    whole, names = compared.comparison, [run.run for run in compared.comparison.used]
+    if "run" not in whole.by or max(map(len, names)) <= _LONGEST_NAME or len(names) > len(ascii_uppercase):
+        return whole, compared.table, {}
     letters = {name: f"run {letter}" for name, letter in zip(names, ascii_uppercase, strict=False)}
-    # A name may be part of another one, or of a key.
-    whole = re.compile(rf"(?<![\w-])({'|'.join(map(re.escape, names))})(?![\w-]|\":)")
-    text = whole.sub(lambda found: letters[found[0]], content.model_dump_json())
-    return Comparison.model_validate_json(text), letters
+    lettered = [run.rename(letters.get(run.name, run.name)) for run in measured]
+    short = compare_runs(lettered, quantity=whole.quantity, by=compared.asked)
+    content = short.comparison.model_copy(update={"left_out": whole.left_out})
+    return content, compared.table.assign(run=short.table["run"], group=short.table["group"]), letters
 
 
 def draw_groups(comparison: Comparison, table: pd.DataFrame, ends: tuple[str, str] | None) -> DrawnFigure:

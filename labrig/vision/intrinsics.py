@@ -225,8 +225,7 @@ class Intrinsics:
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of size, matrix and distortion, by which a plane map identifies its lens."""
-        numbers = [*self.image_size, *self.parameters()]
-        return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
+        return hashlib.sha256(json.dumps([*self.image_size, *self.parameters()]).encode()).hexdigest()
 
     def to_json(self) -> dict[str, Any]:
         """Return the document that `labrig calibrate intrinsics --json` prints; unknown values are None."""

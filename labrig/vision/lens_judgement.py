@@ -206,5 +206,4 @@ def _fit_radii(arcs: _FloatArray) -> _FloatArray:
 def _list_grid(size: tuple[int, int], shape: tuple[int, int], margin: float = 0.0) -> _FloatArray:
     """Return pixels (columns * rows, 2), evenly spaced from corner to corner, inside a margin (a share)."""
     axes = (np.linspace(margin, 1.0 - margin, count) for count in shape)
-    shares = np.stack(np.meshgrid(*axes), axis=2).reshape(-1, 2)
-    return np.asarray(shares * (np.array(size) - 1.0))
+    return np.asarray(np.stack(np.meshgrid(*axes), axis=2).reshape(-1, 2) * (np.array(size) - 1.0))

@@ -405,8 +405,7 @@ class _Polynomial:
         """Return values (..., F) at places (..., 2), or their derivatives."""
         bent = polynomial.polyder(polynomial.polyder(self._factors, by_u, axis=0), by_v, axis=1)
         x, y = np.moveaxis((places - self._middle) / self._scale, -1, 0)
-        bend = np.moveaxis(polynomial.polyval2d(x, y, bent), 0, -1)
-        return np.asarray(bend / self._scale ** (by_u + by_v))
+        return np.asarray(np.moveaxis(polynomial.polyval2d(x, y, bent), 0, -1) / self._scale ** (by_u + by_v))
 
     def slopes(self, places: FloatArray) -> FloatArray:
         """Return the slopes (..., F, 2) at places (..., 2)."""

@@ -262,9 +262,8 @@ class PlaneMap(_Value):
         """Return the ends of the picture's middle row and column, and its middle, on the paper (5, 2)."""
         if self.image_size is None:
             return None
-        middle = 0.5 * np.array(self.image_size) - 0.5
         try:
-            return self.at_paper().to_mm(middle * (1.0 + _CROSS))
+            return self.at_paper().to_mm((0.5 * np.array(self.image_size) - 0.5) * (1.0 + _CROSS))
         except MeasurementRefusedError:  # the lens was calibrated for the middle of the picture only
             return None
 

@@ -143,15 +143,17 @@ def test_how_far_from_its_target_a_needle_was_broken_off_is_no_error(tmp_path):
 @pytest.mark.parametrize(("low_mm", "told"), [(0.9, "cannot be told apart: "), (1.1, "insertions differ: ")])
 def test_insertions_are_told_apart_by_their_intervals_in_space(tmp_path, low_mm, told):
     """Not by what the shaft says in the plane; the figure has an axis of that name, and letters for long names."""
-    runs = [tmp_path / "20261127-insertion", tmp_path / "20261127-insertion-2"]
+    runs = [tmp_path / "20261127-insertion", tmp_path / "paper"]
     for run, error_mm in zip(runs, (0.1, 0.7), strict=True):
         write_measured_run(tmp_path, run.name, {SOFT: (error_mm,)}, quantity="target_error_mm")
-    compared = compare_runs(measured := open_measured_runs(runs)[0])
+    measured = [replace(run, not_in_interval=("height of the paper",)) for run in open_measured_runs(runs)[0]]
+    compared = compare_runs(measured)
     table = compared.table.assign(target_error_low_mm=(0.1, low_mm), target_error_high_mm=(1.0, 2.0))
     write_comparison(tmp_path, replace(compared, table=table), ENDED, measured)
     page = re.sub("</?span.*?>", "", (tmp_path / "report.html").read_text(encoding="utf-8"))
     assert (told in page, "error at the target in space (mm)" in page) == (True, True)
     assert f"Run A is {runs[0].name}, run B is {runs[1].name}." in page
+    assert "no interval holds it: height of the paper." in page  # a word that is also a name
 
 
 def test_the_same_simulation_twice_is_said_to_be_one_measurement(tmp_path):

@@ -16,8 +16,7 @@ def cut_short(run: Path, to: Path, after_s: float) -> Path:
         kept = [line for line in lines if json.loads(line)["t_s"] <= after_s]
         torn = lines[len(kept)][:-9] if name == "events.jsonl" and len(kept) < len(lines) else b""
         (to / name).write_bytes(b"".join(kept) + torn)
-    frames = len((to / "frames.jsonl").read_bytes().splitlines())
-    for picture in sorted((to / "frames").iterdir())[frames:]:
+    for picture in sorted((to / "frames").iterdir())[len((to / "frames.jsonl").read_bytes().splitlines()) :]:
         picture.unlink()
     _cut_truth(to)
     _cut_can(to, after_s)

@@ -186,8 +186,7 @@ def test_every_verb_takes_a_killed_run(killed: Path, tmp_path: Path, labrig: Lab
 def test_a_run_goes_on_or_says_why_not(kept: Path, killed: Path, tmp_path: Path, labrig: Labrig) -> None:
     """A killed sweep or insertion is completed, others stay as they are; a finished run is only measured again."""
     goes_on = kept.name in {"steerability", "insertion"}
-    rig = ("--rig", make_rig(kept, tmp_path / "lab")) if goes_on else ()
-    done = labrig("resume", killed, *rig, "--json")
+    done = labrig("resume", killed, *("--rig", make_rig(kept, tmp_path / "lab")) if goes_on else (), "--json")
     if goes_on:
         assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
         require_sound(labrig, killed)

@@ -44,9 +44,7 @@ def check(
     # A dry run that was refused has not come to its end.
     doubt = ", but see the warning" * bool(found.warnings)
     needs = f" can run{place}{doubt}{_tell_needs(found.plan, found.rig, found.disk_bytes)}"
-    print_line(
-        f"{protocol}{needs}" if found.ok else f"{protocol} cannot run{place}; mend it, and check again"
-    )
+    print_line(f"{protocol}{needs}" if found.ok else f"{protocol} cannot run{place}; mend it and try again")
     for age in found.calibration:
         print_line(f"{age.check}: {age.value}" + (f"; {age.solution}" if age.solution else ""))
     if found.ok:

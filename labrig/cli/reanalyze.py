@@ -25,7 +25,7 @@ def reanalyze(
         Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Override analysis.*, or for an insertion estimator.*, planner.radius_mm; repeatable.",
+            help="Override analysis.*, or another key that labrig manual compare names; repeatable.",
         ),
     ] = None,
     workers: WorkersOption = None,

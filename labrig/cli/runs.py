@@ -134,7 +134,7 @@ def check(runs: RunsArgument) -> int:
         print_line(f"{path}: {'damaged' if found.damage else 'sound'}, {state}")
         nouns = {"frames": "picture", "states": "state", "events": "event"}
         held = ", ".join(format_count(found.holds[key], noun) for key, noun in nouns.items())
-        print_line(f"  it holds {held}; {format_count(found.holds['trials_done'], 'trial')} to evaluate")
+        print_line(f"  it holds {held}; trials that succeeded and count: {found.holds['trials_done']}")
         print_problems(found.damage, "  damage: ")
         print_problems(found.notices, "  note: ")
         named = "; ".join(f"{problem.where}: {problem.message}" for problem in found.damage)

@@ -208,7 +208,7 @@ def quote(report: str | Path) -> None:
     """Print the sentences in which a page says its result."""
     text = Path(report).read_text(encoding="utf-8")
     for sentence in re.findall(r'<(?:p|li) class="verdict">(.*?)</(?:p|li)>', text, re.DOTALL):
-        print_line(" ".join(html.unescape(re.sub(r"<[^>]*>", "", sentence)).split()))
+        print_line(" ".join(html.unescape(re.sub(r" \(see [^)]*\)|<[^>]*>", "", sentence)).split()))
 
 
 def print_problems(problems: Sequence[Problem], kind: str = "") -> None:

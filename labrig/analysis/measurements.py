@@ -199,7 +199,8 @@ def load_runs(
     Returns
     -------
     DataFrame
-        `run`, `experiment`, `result`, `started`, then the columns of the tables, with their units. A row
+        `run`, `experiment`, `result`, `started` (when the trial began: when the run did, plus rig time, which in a
+        simulation is not the computer's), then the columns of the tables, with their units. A row
         that was not accepted has `accepted` false. `attrs["left_out"]` has the reason for each run without
         measurements, of which a warning tells.
 

@@ -101,9 +101,7 @@ def _refuse_single_group(rows: pd.DataFrame, by: Sequence[str]) -> InputError:
     names, counted = _list_groups(rows), rows[rows["value"].notna()]
     what = f"there is only one group: {names[0]}" if names else f"no measurement names {' and '.join(by)}"
     if empty := sorted({*rows["group"].dropna()}.difference(names)):
-        what += (
-            f"; of {', '.join(empty)} no value counts (refused, left out, or a needle broken off on its way)"
-        )
+        what += f"; of {', '.join(empty)} no value counts (refused, left out, or broken off on the way)"
     fields = (*DEFAULT_FIELDS, "specimen", "hole", "run")
     telling = [name for name in fields if name in rows and counted[name].nunique() > 1 and name not in by]
     others = f"--by {' or --by '.join(telling)} tells them apart, or " if telling else ""

@@ -43,7 +43,6 @@ def compare(
     from labrig.analysis.comparison import compare_runs
     from labrig.analysis.measurements import open_measured_runs
     from labrig.library.door import differences
-    from labrig.report.comparison_page import shorten_runs
 
     paths = choose_runs(run_paths, where, runs_dir, "compare")
     for path in paths:
@@ -57,20 +56,20 @@ def compare(
     with show_working("comparing"):
         compared = compare_runs(measured, left_out, quantity=quantity, by=by or ())
         differing = differences(*(one.run for one in measured)) if len(measured) == 2 else ()
-        folder = _write(compared, out, measured)
+        folder, shown = _write(compared, out, measured)
     document = {
         **compared.comparison.model_dump(mode="json"),
         "differences": [asdict(found) for found in differing] if len(measured) == 2 else None,
         "report": str(folder / "report.html"),
     }
     print_json(document)
-    _print(document | shorten_runs(compared, measured)[0].model_dump(mode="json"))
+    _print(document | shown.model_dump(mode="json"))
     failed = [run.error.exit_code for run in left_out if where is None or isinstance(run.error, RecordError)]
     return failed[0] if failed else 0
 
 
-def _write(compared: Any, out: Path | None, measured: Sequence[Any]) -> Path:
-    """Write the comparison into a new folder, or into `out`, and return the folder."""
+def _write(compared: Any, out: Path | None, measured: Sequence[Any]) -> tuple[Path, Any]:
+    """Write the comparison into a new folder, or into `out`; return the folder, and what its page shows."""
     from labrig.record.output_folder import output_folder
     from labrig.report.comparison_page import write_comparison
 
@@ -78,8 +77,7 @@ def _write(compared: Any, out: Path | None, measured: Sequence[Any]) -> Path:
     what = re.sub(r"\W+", "-", compared.comparison.quantity)[:60]
     folder = out or find_in_lab(COMPARISONS) / f"{now:%Y%m%d-%H%M%S}-{what}"
     with output_folder(folder, force=False) as made:
-        write_comparison(made, compared, now, measured)
-    return folder
+        return folder, write_comparison(made, compared, now, measured)
 
 
 def _print(document: Mapping[str, Any]) -> None:

@@ -205,10 +205,10 @@ def say_page(problems: Sequence[Problem]) -> None:
 
 
 def quote(report: str | Path) -> None:
-    """Print the sentences in which a page says its result."""
+    """Print the sentences in which a page says its result, without the links to its parts."""
     text = Path(report).read_text(encoding="utf-8")
     for sentence in re.findall(r'<(?:p|li) class="verdict">(.*?)</(?:p|li)>', text, re.DOTALL):
-        print_line(" ".join(html.unescape(re.sub(r" \(see [^)]*\)|<[^>]*>", "", sentence)).split()))
+        print_line(" ".join(html.unescape(re.sub(r' \(<a href="#[^)]*\)|<[^>]*>', "", sentence)).split()))
 
 
 def print_problems(problems: Sequence[Problem], kind: str = "") -> None:

@@ -46,8 +46,8 @@ _LONGEST_NAME = 16
 
 def write_comparison(
     folder: Path, compared: ComparedRuns, created: datetime, measured: Sequence[Measured]
-) -> None:
-    """Write report.html, comparison.json, measurements.csv and .json, and the figure as .svg and .pdf.
+) -> Comparison:
+    """Write report.html, comparison.json, measurements.csv and .json, and the figure; return what the page shows.
 
     `measured` are the runs, in the order of those that were used.
 
@@ -62,7 +62,7 @@ def write_comparison(
     records = tidy.astype(object).where(tidy.notna(), None).to_dict("records")
     write_atomically(folder / TABLE_FILES[1], encode_document({"measurements": records}))
     write_atomically(folder / DOCUMENT_FILE, encode_document(whole.model_dump(mode="json")))
-    content, table, letters = shorten_runs(compared, measured)
+    content, table, letters = _shorten_runs(compared, measured)
     used = [run.run for run in measured if run.about in whole.used]
     ends = _name_ends(content.quantity, table)
     figure = draw_groups(content, table, ends) if len(content.groups) <= MOST_GROUPS else None
@@ -91,9 +91,10 @@ def write_comparison(
         "with_unit": lambda value, key: UNKNOWN if value is None else tell_value(format_value(value), key),
     }
     write_page(folder / REPORT_FILE, TEMPLATES / "comparison.html.jinja", shown, filters)
+    return content
 
 
-def shorten_runs(
+def _shorten_runs(
     compared: ComparedRuns, measured: Sequence[Measured]
 ) -> tuple[Comparison, pd.DataFrame, Mapping[str, str]]:
     """Return comparison and table, with letters for runs whose names are too long for a figure, and these letters."""

@@ -208,6 +208,8 @@ def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, hole_mm: float) -
     try:
         edges, run, entry = _find_sheath(scene, coarse, widths, hole_mm)
     except MeasurementRefusedError:
+        if widths.sheath_mm is None:
+            raise
         edges, run, entry = _find_sheath(scene, coarse, widths, hole_mm, _SHEATH_MARGIN)
     rows = np.flatnonzero(run & _is_bar(edges.width, run, entry))
     rows = rows[rows < rows[-1] - _BEVEL_ONSET * widths.needle_px] if len(rows) else rows

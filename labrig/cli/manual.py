@@ -27,7 +27,7 @@ def manual(
         print_json(titles)
         print_table(("topic", "title"), list(titles.items()))
         return
-    name = _choose(pages, " ".join(topic).lower())
+    name = _choose(pages, " ".join(topic).lower().rpartition("/")[2].removesuffix(".md"))
     built = SITE / pages[name].relative_to(SOURCE).with_suffix(".html")
     page = built if built.exists() else pages[name]
     print_json({"page": str(page)})

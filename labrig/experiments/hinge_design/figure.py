@@ -33,7 +33,7 @@ def draw_section(hinge: Hinge, name: str) -> DrawnFigure:
         along, across, detail = figure.subplots(1, 3, width_ratios=(1, 1, 1.8))
         for axes, links, title in (
             (along, hinge.links, "Hinge a, from the side"),
-            (across, hinge.section(0.0), "Hinge b, cut at its axis"),
+            (across, hinge.section(0.0), "Hinge b, in section"),
             (detail, hinge.links, "Hinge a, enlarged: the cut"),
         ):
             _draw_links(axes, links)

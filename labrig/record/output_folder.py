@@ -49,7 +49,7 @@ def output_folder(out: Path, *, force: bool) -> Iterator[Path]:
     if out.exists() and not out.is_dir():
         raise OutputExistsError(f"{out} is a file", "name a folder")
     if out.exists() and not force:
-        raise OutputExistsError(f"{out} exists already", "name another, or replace its files with --force")
+        raise OutputExistsError(f"{out} exists already", "name another with --out, or replace its files with --force")
     with disk_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))

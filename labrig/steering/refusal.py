@@ -18,6 +18,7 @@ Refusal = tuple[str, RefusalCause, str]
 
 _AWAY = "move the target"
 _EITHER = f"{_AWAY} or an obstacle"
+_ACTS = "where a turn of the bevel acts"
 
 
 def find_refusal(around: Surroundings) -> Refusal | None:
@@ -44,14 +45,14 @@ def _explain_out_of_reach(around: Surroundings, distance: float) -> Refusal | No
         return f"the target lies {-z:.1f} mm behind the needle's tip", "out_of_reach", _AWAY
     inside_mm = radius_mm - math.hypot(lateral - radius_mm, z)
     if inside_mm > tolerance_mm:
-        circle = f"the turning circle of {radius_mm:.1f} mm radius where a turn acts"
+        circle = f"the turning circle of {radius_mm:.1f} mm radius, from {_ACTS}"
         by = f"by {inside_mm - tolerance_mm:.1f} mm or more, away from the middle of the circle"
         return f"the target lies {inside_mm:.1f} mm inside {circle}", "turning_circle", f"{_AWAY} {by}"
     if lateral - tolerance_mm > _widest_lateral_mm(z + tolerance_mm, radius_mm):
         beside = f"the target lies {lateral:.1f} mm beside the needle"
         return f"{beside}: the path would turn by more than 90 degrees", "out_of_reach", _AWAY
     if distance - tolerance_mm > problem.max_length_mm:
-        far = f"the target is {distance:.1f} mm from where a turn acts, and {problem.max_length_mm:g} mm are left"
+        far = f"the target is {distance:.1f} mm from {_ACTS}, and {problem.max_length_mm:g} mm are left"
         return f"too long: {far}", "out_of_reach", f"{_AWAY} or allow a longer path (max_length_mm)"
     return None
 

@@ -7,7 +7,7 @@ from labrig.experiments.hinge_design.figure import draw_hinge_figure, draw_secti
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.result import DesignResult, list_findings, list_warnings
 from labrig.experiments.shared.paper import PAPER_GELS
-from labrig.needle.equations import FIT_SD, radius_mm, rotation_for_radius_deg
+from labrig.needle.equations import FIT_SD, radius_mm
 from labrig.needle.hinge import Hinge
 from labrig.record.reader import Run
 from labrig.report.page import Page
@@ -26,7 +26,6 @@ def make_page(_run: Run, _protocol: DesignProtocol, result: AnalysisResult[Desig
         "radius_mm": radius_mm,
         "fit_sd": FIT_SD,
         "paper_gels": PAPER_GELS,
-        "rotation_deg": rotation_for_radius_deg,
         "figure": draw_hinge_figure(content, "rotations"),
         "warnings": list(list_warnings(content))[:-1],
     }

@@ -76,7 +76,7 @@ def _write(compared: Any, out: Path | None, measured: Sequence[Any]) -> tuple[Pa
     now = SystemClock().utc()
     what = re.sub(r"\W+", "-", compared.comparison.quantity)[:60]
     folder = out or find_in_lab(COMPARISONS) / f"{now:%Y%m%d-%H%M%S}-{what}"
-    with output_folder(folder, force=False) as made:
+    with output_folder(folder) as made:
         return folder, write_comparison(made, compared, now, measured)
 
 

@@ -49,8 +49,8 @@ class SignalNote:
 
     def take(self, number: int, _frame: FrameType | None) -> None:
         """Note a signal, as a signal handler."""
-        is_first = self._name is None and not self.asks_for_pause
-        if number == signal.SIGINT and is_first and self._is_pausing:
+        # Only the first INT asks for a pause.
+        if self._is_pausing and number == signal.SIGINT and not (self._name or self.asks_for_pause):
             self.asks_for_pause = True
         else:
             self._name = signal.Signals(number).name

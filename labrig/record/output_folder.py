@@ -31,13 +31,13 @@ def require_apart(out: Path, run: Path, *, record: bool) -> None:
 
 
 @contextmanager
-def output_folder(out: Path, *, force: bool) -> Iterator[Path]:
+def output_folder(out: Path, *, force: bool | None = None) -> Iterator[Path]:
     """Give a folder to write into; its files go to `out` when the block ends without an error.
 
     Parameters
     ----------
-    force : bool
-        Replace files of the same names if `out` exists; other files in it stay.
+    force : bool | None
+        Replace files of the same names if `out` exists; other files in it stay. None: of a command without --force.
 
     Raises
     ------
@@ -49,7 +49,8 @@ def output_folder(out: Path, *, force: bool) -> Iterator[Path]:
     if out.exists() and not out.is_dir():
         raise OutputExistsError(f"{out} is a file", "name a folder")
     if out.exists() and not force:
-        raise OutputExistsError(f"{out} exists already", "name another with --out, or replace its files with --force")
+        hint = "name another with --out, or replace its files with --force"
+        raise OutputExistsError(f"{out} exists already", hint if force is not None else hint.partition(",")[0])
     with disk_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))

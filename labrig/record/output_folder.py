@@ -49,8 +49,8 @@ def output_folder(out: Path, *, force: bool | None = None) -> Iterator[Path]:
     if out.exists() and not out.is_dir():
         raise OutputExistsError(f"{out} is a file", "name a folder")
     if out.exists() and not force:
-        hint = "name another with --out, or replace its files with --force"
-        raise OutputExistsError(f"{out} exists already", hint if force is not None else hint.partition(",")[0])
+        replace = "" if force is None else ", or replace its files with --force"
+        raise OutputExistsError(f"{out} exists already", f"name another with --out{replace}")
     with disk_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))

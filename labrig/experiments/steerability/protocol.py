@@ -31,7 +31,7 @@ class Insertion(Model):
     withdraw_speed_mm_s: SpeedMmS
     """Speed of the way back [mm/s]."""
     frame_every_mm: PositiveMm
-    """Inserted length between two pictures [mm]."""
+    """Inserted length between two pictures; the needle does not stop for them, and they come a reading later [mm]."""
     bevel_roll_rad: float = Field(0.0, ge=-2 * pi, le=2 * pi)
     """Roll of the bevel before the insertion, kept through it [rad]; at 0, set by eye, it bends towards -y."""
 

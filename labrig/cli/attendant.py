@@ -39,9 +39,9 @@ class TerminalAttendant(Attendant):
         """Tell what happens."""
         say(text)
 
-    def progress(self, title: str, total: float) -> AbstractContextManager[Reporter]:  # type: ignore[override]
+    def progress(self, title: str, total: float, lasts_s: float = 0.0) -> AbstractContextManager[Reporter]:  # type: ignore[override]
         """Show how much of the total is done."""
-        return progress(title, total)
+        return progress(title, total, lasts_s)
 
     @contextmanager
     def open_rig(

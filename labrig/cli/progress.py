@@ -21,11 +21,13 @@ _shown: list[tuple[Any, "_Pace"]] = []
 
 
 class _Pace:
-    """Tells the time left by how fast all of the work went so far; time in which a person was asked does not count."""
+    """Tells the time left by how long the work lasts, or if that is not known by how fast all of it went so far.
 
-    def __init__(self, total: float) -> None:
-        self._total = max(total, 1e-9)
-        self._clock = SystemClock()
+    Time in which a person was asked does not count.
+    """
+
+    def __init__(self, total: float, lasts_s: float) -> None:
+        self._total, self._lasts_s, self._clock = max(total, 1e-9), lasts_s, SystemClock()
         self._held_s = self._share = self._spent_s = 0.0
 
     def now_s(self) -> float:
@@ -45,7 +47,8 @@ class _Pace:
         share, spent_s = self.find_share(done), self.now_s() - self._held_s
         if share > self._share:
             self._share, self._spent_s = share, spent_s
-        return max(self._spent_s / share - spent_s, 0.0) if share >= _TELLING_SHARE else None
+        lasts_s = self._lasts_s or (self._spent_s / share if share >= _TELLING_SHARE else None)
+        return None if lasts_s is None else max(lasts_s - spent_s, 0.0)
 
 
 def load_bar() -> None:
@@ -55,10 +58,10 @@ def load_bar() -> None:
 
 
 @contextmanager
-def progress(title: str, total: float) -> Iterator[Reporter]:
-    """Show progress on standard error; `total` is in seconds of rig time, or in pictures."""
+def progress(title: str, total: float, lasts_s: float = 0.0) -> Iterator[Reporter]:
+    """Show progress on standard error; `total` is in calls of a rig, or in pictures, and 0 s are not known."""
     if not sys.stderr.isatty():
-        yield _PlainLines(title, total)
+        yield _PlainLines(title, _Pace(total, lasts_s))
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Column
@@ -72,7 +75,7 @@ def progress(title: str, total: float) -> Iterator[Reporter]:
         TextColumn("{task.description}", markup=False, table_column=one_line),
     )
     with Progress(*columns, console=_make_console(), expand=True) as bar:
-        task, pace = bar.add_task(escape_controls(title), total=total, left=_UNKNOWN), _Pace(total)
+        task, pace = bar.add_task(escape_controls(title), total=total, left=_UNKNOWN), _Pace(total, lasts_s)
         _shown.append((bar, pace))
 
         def report(done: float, doing: str) -> None:
@@ -121,9 +124,8 @@ def _make_console() -> Any:
 class _PlainLines:
     """A line at each tenth of the total, at least two seconds apart, with elapsed and remaining time."""
 
-    def __init__(self, title: str, total: float) -> None:
-        self._title = title
-        self._pace = _Pace(total)
+    def __init__(self, title: str, pace: _Pace) -> None:
+        self._title, self._pace = title, pace
         self._tenths, self._printed_s = 0, 0.0
 
     def __call__(self, done: float, doing: str) -> None:

@@ -27,8 +27,8 @@ class Attendant:
         """Tell what happens."""
 
     @contextmanager
-    def progress(self, title: str, total: float) -> Iterator[Progress]:  # noqa: ARG002
-        """Take how much of the total is done."""
+    def progress(self, title: str, total: float, lasts_s: float = 0.0) -> Iterator[Progress]:  # noqa: ARG002
+        """Take how much of the total is done; `lasts_s` is how long it takes at a bench's pace, 0 if not known."""
         yield lambda _done, _doing: None
 
     @contextmanager

@@ -179,13 +179,14 @@ def record_on_rig(
     """
     assert order.rig is not None
     protocol, doing = order.protocol, " ".join(("labrig", *order.command_line[1:]))
+    lasts_s = plan.duration_s if order.rig.asks_person else 0.0
     opening = Opening(max_current_ma=protocol.current_limits_ma, power=False)
     ended: FinishedRun | None = None
     with attendant.watch() as watch:
         try:
             with (
                 attendant.open_rig(order.rig, doing, protocol.seed, opening) as (opened, interrupted),
-                attendant.progress(protocol.experiment, plan.work) as progress,
+                attendant.progress(protocol.experiment, plan.work, lasts_s) as progress,
             ):
                 session = begin(opened, progress)
                 path = session.recorder.path

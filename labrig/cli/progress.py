@@ -23,7 +23,7 @@ _shown: list[tuple[Any, "_Pace"]] = []
 class _Pace:
     """Tells the time left by how long the work lasts, or if that is not known by how fast all of it went so far.
 
-    Time in which a person was asked does not count.
+    0 s are not known. Time in which a person was asked does not count.
     """
 
     def __init__(self, total: float, lasts_s: float) -> None:
@@ -59,7 +59,7 @@ def load_bar() -> None:
 
 @contextmanager
 def progress(title: str, total: float, lasts_s: float = 0.0) -> Iterator[Reporter]:
-    """Show progress on standard error; `total` is in calls of a rig, or in pictures, and 0 s are not known."""
+    """Show progress on standard error; `total` is in calls of a rig, or in pictures; `lasts_s` as of `_Pace`."""
     if not sys.stderr.isatty():
         yield _PlainLines(title, _Pace(total, lasts_s))
         return

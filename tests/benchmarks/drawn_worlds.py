@@ -151,13 +151,12 @@ def _draw_description(described: WorldDescription, random: np.random.Generator) 
     wander = _draw_about(1.0, "wander", random)
     wanders = ("heading_deg_per_root_mm", "out_of_plane_deg_per_root_mm", "curvature_fraction")
     drawn = {name: wander * getattr(disturbances, name) for name in wanders}
-    small = {"width_px": _SMALL_PX, "height_px": _SMALL_PX}
     return described.model_copy(
         update={
             "gels": (GelDescription(gelatin_percent=GELATIN_PERCENT, radius_mean_mm=radius_mm, radius_sd_mm=0.0),),
             "needle": described.needle.model_copy(update=needle),
             "disturbances": disturbances.model_copy(update={"cavities": cavities, **drawn}),
-            "lens": described.lens.model_copy(update=small),
+            "lens": described.lens.model_copy(update={"width_px": _SMALL_PX, "height_px": _SMALL_PX}),
             "bubbles_per_specimen": 0,
         }
     )  # fmt: skip

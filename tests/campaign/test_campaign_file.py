@@ -262,10 +262,9 @@ COUNTED: dict[str, object] = {
 def test_what_is_said_of_keys_that_need_pictures_holds(tmp_path: Path) -> None:
     """A virtual insertion is the same whatever only pictures need, and another with each of the others."""
     (arm,) = load(write_campaign(tmp_path, set=SHORT)).arms
-    task = campaign().find_task(0)
 
     def compute(**drawn: object) -> object:
-        return compute_task(type(task)(0, arm, 0, drawn, 0, 5, "world"))
+        return compute_task(type(campaign().find_task(0))(0, arm, 0, drawn, 0, 5, "world"))
 
     assert all(map(needs_pictures, OF_PICTURES))
     assert not any(map(needs_pictures, (*COUNTED, "rig.camera.width_px")))

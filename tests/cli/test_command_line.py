@@ -112,7 +112,7 @@ def test_pages_of_the_manual_are_listed_and_found(labrig: Labrig) -> None:
     """Each with its title; by name, or words of title or text. Where the site was not built its source is named."""
     listed = [line.split(maxsplit=1) for line in labrig("manual").out.splitlines()[1:]]
     assert listed == [[name, read_title(page)] for name, page in find_pages().items()]
-    for asked in (["run-format"], ["format", "run"], ["fsync_period_s"]):
+    for asked in (["run-format"], ["reference/run-format.md"], ["format", "run"], ["fsync_period_s"]):
         assert labrig("manual", *asked).out.startswith(f"page: {find_pages()['run-format']}; read it in ")
 
 

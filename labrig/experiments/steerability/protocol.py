@@ -25,7 +25,8 @@ class Insertion(Model):
     """How the needle goes in and comes out."""
 
     length_mm: float = Field(gt=0, le=500)
-    """How far the needle leaves the sheath [mm]."""
+    """How far the needle leaves the sheath; beyond a quarter of a circle tracks of neighbouring holes may cross, beyond
+    half of one the needle comes back out of the gel, and neither is checked [mm]."""
     speed_mm_s: SpeedMmS
     """Insertion speed [mm/s]."""
     withdraw_speed_mm_s: SpeedMmS

@@ -31,7 +31,7 @@ def _find_picture_problems(protocol: ExperimentProtocol, rig: RigDescription) ->
 def _find_current_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
     """Yield a current limit of the protocol above that of the rig file."""
     for name, asked_ma in protocol.current_limits_ma.items():
-        limit_ma = dict(rig.axes.items())[name].max_current_ma
+        limit_ma = rig.axes.named(name).max_current_ma
         if limit_ma is not None and asked_ma > limit_ma:
             yield Problem(
                 f"max_current_ma.{name}",

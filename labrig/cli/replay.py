@@ -49,7 +49,7 @@ def replay(run_path: RunArgument) -> int:
     if found.ended_early:
         print_line(f"  {found.ended_early}; it is compared up to there")
     same = ", ".join(f"{count} {what}" for what, count in found.counts.items())
-    print_line(f"  compared: {same or 'nothing'}")
+    print_line(f"  compared, up to the last event: {same or 'nothing'}")
     return 1 if found.verdict == "different" else 0
 
 

@@ -80,7 +80,7 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
         Radius of every arc.
     """
     arcs = psi.shape[-2]
-    if _are_half_turns(psi[..., 1]):
+    if (np.abs(np.sin(psi[..., 1])) < _HALF_TURNS).all():
         return _planar_frames(psi, radius_mm)
     steps, turns = arc_pose(psi[..., 0], psi[..., 1], radius_mm)
     positions = np.zeros((*psi.shape[:-2], arcs + 1, 3))
@@ -91,10 +91,6 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
         positions[..., i + 1, :] = positions[..., i, :] + _apply(base, steps[..., i, :])
         rotations[..., i + 1, :, :] = base @ turns[..., i, :, :]
     return ArcFrames(positions, rotations)
-
-
-def _are_half_turns(rolls_rad: FloatArray) -> bool:
-    return bool((np.abs(np.sin(rolls_rad)) < _HALF_TURNS).all())
 
 
 def _planar_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:

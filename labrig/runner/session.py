@@ -379,8 +379,7 @@ class Session:
 
     def _look_for_continuation(self) -> None:
         """End a pause that is to end."""
-        by = self.dialogue.requests.find_continuation()
-        if by is not None:
+        if (by := self.dialogue.requests.find_continuation()) is not None:
             raise _ContinuedError(by)
 
     # Questions

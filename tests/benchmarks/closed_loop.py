@@ -49,8 +49,7 @@ def print_table() -> None:
 
 def _time_insertion(name: str, policy: Policy, seed: int) -> tuple[InsertionEnd, float]:
     began_s = time.process_time()
-    end = insert(draw_world(read_world(name), seed), policy)
-    return end, time.process_time() - began_s
+    return insert(draw_world(read_world(name), seed), policy), time.process_time() - began_s
 
 
 def _describe_ends(ends: Sequence[InsertionEnd], cpu_s: float) -> list[Row]:

@@ -38,8 +38,7 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
         "frames.jsonl", "states.jsonl", "events.jsonl", "devices.jsonl",
     }  # fmt: skip
     manifest = json.loads((recorder.path / "manifest.json").read_text())
-    assert manifest["exit_status"] == "incomplete"
-    assert (manifest["run"], manifest["schema_version"]) == ("run", 1)
+    assert (manifest["exit_status"], manifest["run"], manifest["schema_version"]) == ("incomplete", "run", 1)
     assert (manifest["started"], manifest["ended"]) == ("2026-03-02T09:30:00+00:00", None)
     assert (manifest["title"], manifest["operator"], manifest["trials_planned"]) == ("Größe", "ß", 3)
     run = open_run(recorder.path)

@@ -523,8 +523,7 @@ def _told_differences(cell: Cell, outcome: Outcome) -> Iterator[str]:
         outcome.error, errors.BusPassiveError
     )
     found_s = cell.alerts[0][0] - cell.struck_s if cell.alerts else math.inf
-    prompt = lost and _is_found_out_at_once(cell)
-    if lost != bool(cell.alerts) or (prompt and found_s > TOLD_WITHIN_S):
+    if lost != bool(cell.alerts) or (lost and _is_found_out_at_once(cell) and found_s > TOLD_WITHIN_S):
         yield f"told after {found_s:.2f} s: {cell.alerts}"
     if lost and "press the emergency stop" not in cell.alerts[0][1]:
         yield f"told {cell.alerts[0][1]}"

@@ -28,6 +28,14 @@ def test_what_is_beyond_a_limit_is_named_with_both_numbers(setting: str, where: 
     assert any(told in problem.message for problem in problems)
 
 
+def test_an_arc_that_leads_across_the_next_track_or_out_of_the_gel_is_doubted() -> None:
+    """Of 30 mm, 10 mm from the next: beyond 30 acos(-1/6), 52.1 mm, and beyond half a circle and the sheath's 15 mm."""
+    for length_mm, holes, end in ((52, 2, ""), (53, 2, "across the"), (109, 1, ""), (110, 1, "back out of")):
+        far = sweep(f"insertion.length_mm={length_mm}", f"insertions_per_specimen={holes}")
+        told = " ".join(doubt.message for doubt in plan_of(far, large_rig()).warnings)
+        assert (end in told, bool(told)) == (True, bool(end))
+
+
 def test_a_rig_that_is_not_whole_or_calibrated_otherwise_cannot_run() -> None:
     """Every null in the bench file says where to find the number; another size of pictures is named with both."""
     problems = find_problems(sweep(), load_rig(BENCH))

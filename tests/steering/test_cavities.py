@@ -117,8 +117,7 @@ def test_after_false_sightings_the_next_must_be_closer_to_count():
     """A sighting that would count after a good one is rejected after a false one, and counts by its position then."""
     chosen = settings(planar=True)
     seen = step_tip(start_tip(np.eye(4), chosen), TipObservation(np.array((0.0, 0.0, 1.0)), 1.0), chosen)
-    sd_mm = math.sqrt(seen.covariance[1, 1] + 0.2**2)
-    aside = TipObservation(np.array((0.0, 3.3 * sd_mm, 2.0)), 1.0)
+    aside = TipObservation(np.array((0.0, 3.3 * math.sqrt(seen.covariance[1, 1] + 0.2**2), 2.0)), 1.0)
     assert step_tip(seen, aside, chosen).accepted
     away = step_tip(seen, TipObservation(np.array((0.0, 9.0, 2.0)), 1.0), chosen)
     again = replace(aside, position_mm=np.array((0.0, 3.3 * math.sqrt(away.covariance[1, 1] + 0.2**2), 3.0)))

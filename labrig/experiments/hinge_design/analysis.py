@@ -111,8 +111,6 @@ def study_design(
             if progress is not None:
                 progress(len(cells), len(hinges))
     plane = fit_plane(cells)
-    if measured is not None:
-        measured = measured.model_copy(update={"search_clearance_mm": _find_clearance_mm(plane, measured)})
     search = _search(protocol, plane)
     return DesignStudy(
         accepted=tube.is_papers or search.reason is None,
@@ -210,14 +208,6 @@ def _describe_measured_needle(protocol: DesignProtocol) -> MeasuredAnswer | None
         beta_cut_deg=cut_deg,
         clearance_mm=EQUATION_3.clearance_mm(beta_rot_deg, cut_deg),
     )
-
-
-def _find_clearance_mm(plane: RotationPlane, measured: MeasuredAnswer) -> float | None:
-    """Return the clearance by our own plane; None if it would be negative."""
-    try:
-        return plane.clearance_mm(measured.beta_rot_deg, measured.beta_cut_deg)
-    except AnswerIsNoError:
-        return None
 
 
 def _search(protocol: DesignProtocol, plane: RotationPlane) -> Searched:

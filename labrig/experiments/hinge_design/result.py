@@ -34,13 +34,12 @@ class Searched(Model):
 
 
 class MeasuredAnswer(Model):
-    """What the radius of a measured needle says: its rotation, and the clearance by either plane."""
+    """What the radius of a measured needle says: its rotation, and the clearance by equation (3)."""
 
     radius_mm: float
     beta_rot_deg: float
     beta_cut_deg: float
     clearance_mm: float
-    search_clearance_mm: float | None = None
 
 
 class DesignStudy(Model):

@@ -280,8 +280,7 @@ class Insertion:
         problem = self.settings.problem
         there = EstimatedEnd(np.array(problem.target_mm[1:]), READ_PX * self.sight.plane.mm_per_px)
         bounds = self._bound_end(self.bevel.foresee(state.plan), None, there)
-        warning = None if bounds is None else bounds.warn(problem.tolerance_mm)
-        if warning is not None:
+        if bounds is not None and (warning := bounds.warn(problem.tolerance_mm)) is not None:
             self.session.warn(warning)
 
     def turn_bevel(self, roll_rad: float, state: SteeringState) -> None:

@@ -5,6 +5,7 @@ The operator places one specimen after another and shifts it from hole to hole: 
 
 from collections.abc import Iterator
 from functools import partial
+from math import acos, pi
 
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.operator import (
@@ -37,6 +38,8 @@ def run(protocol: SteerabilityProtocol, session: Session) -> None:
     """Make every insertion of the sweep, or those that remain of it."""
     if problems := tuple(_find_near_holes(protocol)):
         raise FileFormatError(problems)
+    for doubt in _find_long_arcs(protocol):
+        session.warn(doubt)
     sight = session.open_sight()
     confirm_needle_out(session)
     placed = _find_placed(protocol, session)
@@ -66,6 +69,19 @@ def _find_near_holes(protocol: SteerabilityProtocol) -> Iterator[Problem]:
     for key, gel in protocol.gels.items():
         places_mm, diameter_mm = protocol.list_places_mm(gel), protocol.sheath.diameter_mm
         yield from find_near_holes(key, gel, places_mm, diameter_mm, protocol.last_place_mm)
+
+
+def _find_long_arcs(protocol: SteerabilityProtocol) -> Iterator[Problem]:
+    """Yield what a needle meets that is inserted farther than an arc of its design radius leaves room for."""
+    radius_mm, length_mm = protocol.needle.design_radius_mm, protocol.insertion.length_mm
+    ends = {"back out of the gel, beside where it went in": pi * radius_mm + protocol.sheath.depth_mm}
+    if protocol.insertions_per_specimen > 1 and protocol.hole_spacing_mm < 2 * radius_mm:
+        turn_rad = acos(-protocol.hole_spacing_mm / (2 * radius_mm))
+        ends["across the track of the next hole"] = turn_rad * radius_mm
+    for end, most_mm in ends.items():
+        if length_mm > most_mm:
+            message = f"{length_mm:g} mm of an arc of radius {radius_mm:g} mm lead {end}: {most_mm:.3g} mm is the most"
+            yield Problem("insertion.length_mm", message, "a shorter insertion")
 
 
 def _find_placed(protocol: SteerabilityProtocol, session: Session) -> TrackedSpecimen | None:

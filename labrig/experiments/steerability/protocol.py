@@ -25,8 +25,8 @@ class Insertion(Model):
     """How the needle goes in and comes out."""
 
     length_mm: float = Field(gt=0, le=500)
-    """How far the needle leaves the sheath; beyond a quarter of a circle tracks of neighbouring holes may cross, beyond
-    half of one the needle comes back out of the gel, and neither is checked [mm]."""
+    """How far the needle leaves the sheath; beyond a quarter of a circle it may cross the track of the next hole, and
+    beyond half of one come back out of the gel: `labrig check` warns of both, by the design radius [mm]."""
     speed_mm_s: SpeedMmS
     """Insertion speed [mm/s]."""
     withdraw_speed_mm_s: SpeedMmS

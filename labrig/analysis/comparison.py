@@ -28,7 +28,7 @@ from labrig.analysis.statistics import (
 )
 from labrig.errors import InputError
 from labrig.protocol.model import Model
-from labrig.record.difference import find_differences
+from labrig.record.difference import find_differences, read_conditions
 from labrig.steering.parameters import PAPER_SECTIONS, SECTIONS
 from labrig.text import format_count, split_key, split_quantity, tell_value
 
@@ -334,12 +334,13 @@ def _note_shared(counted: pd.DataFrame, simulated: "pd.Series[bool]") -> Iterabl
 
 
 def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]:
-    """Yield in what runs were set otherwise, by protocol or afterwards.
+    """Yield in what runs were set otherwise, by protocol, rig file or afterwards.
 
     What names runs or groups is left out; where policies are compared, also what each of them says.
     """
     told, policies = {}, list(map(name_policy, runs))
-    for key, values in find_differences(*({**run.run.protocol, **run.settings} for run in runs)):
+    made = ({**run.run.protocol, **run.settings, "rig": read_conditions(run.run)["rig"]} for run in runs)
+    for key, values in find_differences(*made):
         said = {*zip(policies, values, strict=True)}
         by_policy = key in _OF_POLICY and "policy" in by and len(said) == len({*policies})
         if not by_policy and NAMING.union(by).isdisjoint({key, *key.split(".")}):
@@ -347,7 +348,7 @@ def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]
             for run, value in zip(runs, values, strict=True):
                 alike["not stated" if value is None else tell_value(value, key)].append(run.name)
             words = (f"{value} in {_list_some(names)}" for value, names in alike.items())
-            name = key if key.split(".")[0] in SECTIONS else split_key(key)[0]
+            name = key if key.split(".")[0] in {*SECTIONS, "rig"} else split_key(key)[0]
             told[key.removeprefix("analysis.")] = f"{name} ({'; '.join(words)})"
     if told:
         named = ", ".join(dict.fromkeys(key.partition(".")[0].replace("_", " ") for key in told))

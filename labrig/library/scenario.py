@@ -11,7 +11,7 @@ from labrig.protocol.yaml_file import load_yaml_model
 from labrig.steering.parameters import PlanMethod, PlanWeights
 from labrig.steering.problem import Obstacle, PlanProblem
 
-_OTHERS = {"experiment": ("this is a protocol, expected a scenario", "labrig check THIS_FILE plans its path")}
+_OTHERS = {"experiment": ("this is a protocol, expected a scenario", "see: labrig manual steer-to-target")}
 Direction3: TypeAlias = tuple[float, float, float]
 
 

@@ -53,7 +53,7 @@ def list_differences(a: Run, b: Run) -> tuple[Difference, ...]:
 
 def list_conditions(*runs: Run) -> Iterator[Differing]:
     """Yield what differs in what runs were made with: protocols, rigs, calibrations, versions and devices."""
-    return _compare(*map(_read_conditions, runs))
+    return _compare(*map(read_conditions, runs))
 
 
 def _compare(*runs: Mapping[str, object]) -> Iterator[Differing]:
@@ -74,12 +74,13 @@ def find_differences(*documents: object) -> Iterator[tuple[str, tuple[Value, ...
 def _read_sections(run: Run) -> dict[str, Mapping[str, object]]:
     return {
         "run": {key: run.manifest.get(key) for key in _RUN_KEYS},
-        **_read_conditions(run),
+        **read_conditions(run),
         "results": {key: value for key, value in (run.result or {}).items() if key not in _STAMP},
     }
 
 
-def _read_conditions(run: Run) -> dict[str, Mapping[str, object]]:
+def read_conditions(run: Run) -> dict[str, Mapping[str, object]]:
+    """Return what a run was made with: its protocol, rig, calibration, versions and devices."""
     return {
         "protocol": run.protocol,
         "rig": {} if run.rig_path is None else load_yaml_values(run.rig_path),

@@ -263,7 +263,7 @@ def _fit_circle(
     least_mm = max(settings.min_window_mm, _LEAST_BLOCKS * _BLOCK_MM)
     if length_mm < least_mm:
         raise MeasurementRefusedError(
-            f"of {shaft.length_mm:.1f} mm of needle {length_mm:.1f} mm lie in the window for the radius, which leaves "
+            f"of {shaft.length_mm:.1f} mm of needle {length_mm:.2f} mm lie in the window for the radius, which leaves "
             f"out at least {settings.window_start_mm:g} mm at the entry and {settings.window_end_mm:g} mm at the tip, "
             f"and {least_mm:g} mm is the least"
         )

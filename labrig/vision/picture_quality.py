@@ -49,8 +49,7 @@ def measure_edge_width(grey: Picture) -> float | None:
 def _estimate_noise(grey: Picture) -> float:
     """Return the standard deviation of the noise (Immerkaer, Computer Vision and Image Understanding, 1996)."""
     mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    curved = cv2.filter2D(grey, cv2.CV_32F, mask)
-    return float(np.sqrt(0.5 * np.pi) * np.abs(curved).mean() / 6.0)
+    return float(np.sqrt(0.5 * np.pi) * np.abs(cv2.filter2D(grey, cv2.CV_32F, mask)).mean() / 6.0)
 
 
 def measure_flicker(times_s: Sequence[float], means: Sequence[float]) -> float | None:

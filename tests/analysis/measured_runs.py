@@ -47,7 +47,7 @@ def write_measured_run(
     }  # fmt: skip
     blocks = ", ".join(f'{{block: {{name: "{specimen}"}}}}' for specimen in with_file)
     protocol += f"specimens: [{blocks}]\n" if with_file else ""
-    files = opening_files(PROTOCOL_YAML + protocol, None, calibration)
+    files = opening_files(PROTOCOL_YAML + protocol, f"kind: {rig}\n", calibration)
     recorder = Recorder.create(runs_dir, name, manifest, files)
     rows: list[list[object]] = []
     for (specimen, gelatin), values in radii_mm.items():

@@ -110,13 +110,14 @@ def test_results_of_different_settings_are_told(tmp_path):
     assert "Result 1 of b has settings changed after the run: analysis.window_start_mm=6" in told
 
 
-def test_what_the_protocols_say_otherwise_is_named(tmp_path):
+def test_what_protocols_and_rigs_say_otherwise_is_named(tmp_path):
     """A key with its values and runs; what names a run or its groups is expected to differ."""
     a = write_measured_run(tmp_path, "a", {SOFT: (28.0, 28.4)})
     other = "analysis: {window_start_mm: 6.0}\nnotes: other\n"
-    b = write_measured_run(tmp_path, "b", {HARD: (28.1, 28.3)}, protocol=other)
+    b = write_measured_run(tmp_path, "b", {HARD: (28.1, 28.3)}, protocol=other, rig="simulated")
     told = [line for line in _compare(a, b).comparison.warnings if "settings" in line]
-    assert told == ["The settings of the runs differ in analysis window start (not stated in a; 6 mm in b)."]
+    differing = "rig.kind (bench in a; simulated in b), analysis window start (not stated in a; 6 mm in b)"
+    assert told == [f"The settings of the runs differ in {differing}."]
 
 
 def test_the_interval_of_a_distance_begins_at_zero(tmp_path):

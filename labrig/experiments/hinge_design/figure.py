@@ -122,7 +122,7 @@ def draw_hinge_figure(study: DesignStudy, name: str) -> DrawnFigure:
                 (cell.clearance_mm, cell.beta_rot_deg) for cell in study.cells if cell.beta_cut_deg == cut_deg
             ]
             axes.plot(*np.transpose(found), "o", color=_SEARCHED, markersize=3.5)
-            words = f"cut at {cut_deg:.3g}°"
+            words = f"inclination {cut_deg:.3g}°"
             axes.annotate(words, min(found), (6, -14), textcoords="offset points", fontsize=8.5)
         axes.plot([], [], "o", color=_SEARCHED, markersize=3.5, label="searched on our contour")
         axes.plot(

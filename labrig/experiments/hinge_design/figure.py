@@ -65,7 +65,7 @@ def _explain_cut(axes: Axes, hinge: Hinge) -> None:
     """Mark the clearance where it is as wide as the laser cuts, and the inclination as an angle."""
     outer_mm, lip_mm = hinge.tube.outer_diameter_mm / 2, hinge.lip_depth_mm
     cut_rad = math.radians(hinge.beta_cut_deg)
-    axes.set_xlim(0.15 * outer_mm, 1.55 * outer_mm)
+    axes.set_xlim(0.15 * outer_mm, 1.65 * outer_mm)
     axes.set_ylim(-lip_mm - 0.35 * outer_mm, -lip_mm + 0.75 * outer_mm)
     middle_mm = hinge.knuckle_radius_mm - hinge.clearance_mm / 2
     axes.annotate(
@@ -84,9 +84,8 @@ def _explain_cut(axes: Axes, hinge: Hinge) -> None:
     turn_rad = np.linspace(0.0, cut_rad, 20)
     arc = corner + 1.12 * outer_mm * np.column_stack((np.cos(turn_rad), np.sin(turn_rad)))
     axes.plot(*arc.T, color=_PAPER, linewidth=1.4)
-    axes.text(
-        1.24 * outer_mm, -lip_mm + 0.02 * outer_mm, f"{hinge.beta_cut_deg:.2f}°", fontsize=8.5, color=_PAPER
-    )
+    label = f"inclination\n{hinge.beta_cut_deg:.2f}°"
+    axes.text(1.24 * outer_mm, -lip_mm + 0.02 * outer_mm, label, fontsize=8.5, color=_PAPER)
 
 
 def draw_hinge_figure(study: DesignStudy, name: str) -> DrawnFigure:

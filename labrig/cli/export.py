@@ -9,7 +9,7 @@ from typer import Option
 
 from labrig.cli.options import RunArgument
 from labrig.cli.output import print_json, print_line, say, say_failure
-from labrig.cli.progress import show_working
+from labrig.cli.progress import progress
 from labrig.cli.several_runs import note_writer, report_damage, require_undamaged
 from labrig.errors import InputError, Problem, RecordError
 from labrig.lab import EXPORTS, find_in_lab
@@ -64,9 +64,9 @@ def export(
         if films:
             from labrig.report.film import write_film
 
-            with show_working("drawing the films"):
-                for film in films:
-                    write_film(folder, opened, film)
+            for film in films:
+                with progress(f"drawing {film.name}", len(film.pictures)) as report:
+                    write_film(folder, opened, film, report)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     print_json({"run": str(run), "out": str(place), "files": files, "ok": not (damage or unfilmed)})
     for file in [""] if is_copy else files:

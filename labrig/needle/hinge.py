@@ -105,10 +105,12 @@ class Hinge:
             (THINNEST_CLEARANCE_MM, widest_clearance_mm(self.tube, 0.0)),
             "a laser cuts no finer, and a wider cut lets the knuckle slip out of its socket",
         )
+        # At the steepest the lips reach under the knuckle by no more than a clearance.
+        lip_angle_rad = math.asin(1 - 2 * self.clearance_mm / self.knuckle_radius_mm)
         require_within(
             "cutting inclination",
             self.beta_cut_deg,
-            (0.0, self._steepest_cut_deg),
+            (0.0, math.degrees(lip_angle_rad - _NECK_HALF_ANGLE_RAD)),
             f"at a clearance of {self.clearance_mm:g} mm a steeper one cuts the socket's lips through",
             "degrees",
         )
@@ -124,12 +126,6 @@ class Hinge:
                 "socket and knuckle at its two ends would meet",
                 "take a longer link, or a tube with a smaller bore",
             )
-
-    @property
-    def _steepest_cut_deg(self) -> float:
-        """Inclination at which the lips reach under the knuckle by no more than a clearance."""
-        lip_angle_rad = math.asin(1 - 2 * self.clearance_mm / self.knuckle_radius_mm)
-        return math.degrees(lip_angle_rad - _NECK_HALF_ANGLE_RAD)
 
     @property
     def knuckle_radius_mm(self) -> float:

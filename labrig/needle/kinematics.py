@@ -88,7 +88,7 @@ def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
     rotations[..., 0, :, :] = np.eye(3)
     for i in range(arcs):
         base = rotations[..., i, :, :]
-        positions[..., i + 1, :] = positions[..., i, :] + _apply(base, steps[..., i, :])
+        positions[..., i + 1, :] = positions[..., i, :] + (base @ steps[..., i, :, None])[..., 0]
         rotations[..., i + 1, :, :] = base @ turns[..., i, :, :]
     return ArcFrames(positions, rotations)
 
@@ -179,7 +179,3 @@ def _arc_points(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> 
     points = np.empty((*across.shape, 3))
     points[..., 0], points[..., 1], points[..., 2] = across, -np.cos(delta) * versine, np.sin(theta)
     return radius_mm * points
-
-
-def _apply(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
-    return np.asarray((rotations @ vectors[..., None])[..., 0])

@@ -7,6 +7,7 @@ field describes it, with its unit in brackets; the schema, the editor and the er
 import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -94,10 +95,6 @@ def _require_visible(text: str, *, also: str = "") -> str:
     return text
 
 
-def _require_visible_lines(text: str) -> str:
-    return _require_visible(text, also="\n\t")
-
-
 def _require_name(text: str) -> str:
     if text != text.strip():
         raise ValueError("a name neither starts nor ends with a space")
@@ -119,5 +116,6 @@ Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=64), AfterValida
 Line: TypeAlias = Annotated[str, Field(max_length=200), AfterValidator(_require_visible)]
 """Any printable text on one line; it may be empty."""
 
-Notes: TypeAlias = Annotated[str, Field(max_length=10_000), AfterValidator(_require_visible_lines)]
+_Lines = AfterValidator(partial(_require_visible, also="\n\t"))
+Notes: TypeAlias = Annotated[str, Field(max_length=10_000), _Lines]
 """Any printable text, also of several lines; it may be empty."""

@@ -1,6 +1,6 @@
 """Films of recorded pictures with lines over them: MP4 with VP9, which browsers and OpenCV's own writer have."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -26,8 +26,10 @@ _SHIFT = 4
 _SMOOTH = {"lineType": cv2.LINE_AA, "shift": _SHIFT}
 
 
-def write_film(folder: Path, run: Run, film: Film) -> None:
+def write_film(folder: Path, run: Run, film: Film, report: Callable[[float, str], None]) -> None:
     """Write a film as NAME.mp4, ten pictures a second; pictures that cannot be read are left out.
+
+    `report` is told how many pictures are drawn, and what of.
 
     Raises
     ------
@@ -45,6 +47,7 @@ def write_film(folder: Path, run: Run, film: Film) -> None:
             writer.open(str(path), cv2.VideoWriter.fourcc(*"vp09"), _PICTURES_PER_S, (width, height))
         writer.write(image)
         written += 1
+        report(written, f"picture {written}")
     if not written:
         raise RecordError(f"no picture of {film.name} can be read", "see: labrig runs check")
     for _ in range(_HELD_PICTURES):

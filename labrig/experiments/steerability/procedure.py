@@ -5,7 +5,7 @@ The operator places one specimen after another and shifts it from hole to hole: 
 
 from collections.abc import Iterator
 from functools import partial
-from math import acos, pi
+from math import acos, inf, pi
 
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.operator import (
@@ -32,6 +32,9 @@ from labrig.runner.graph_paper import photograph_grid
 from labrig.runner.session import Session, TrialRun
 from labrig.runner.sight import Sight
 from labrig.runner.withdrawal import confirm_needle_out
+
+# The paper's needle, designed for 30 mm, bent to 27.13 mm in its stiffest gel.
+_TIGHTEST = 0.9
 
 
 def run(protocol: SteerabilityProtocol, session: Session) -> None:
@@ -72,16 +75,20 @@ def _find_near_holes(protocol: SteerabilityProtocol) -> Iterator[Problem]:
 
 
 def _find_long_arcs(protocol: SteerabilityProtocol) -> Iterator[Problem]:
-    """Yield what a needle meets that is inserted farther than an arc of its design radius leaves room for."""
-    radius_mm, length_mm = protocol.needle.design_radius_mm, protocol.insertion.length_mm
-    ends = {"back out of the gel, beside where it went in": pi * radius_mm + protocol.sheath.depth_mm}
-    if protocol.insertions_per_specimen > 1 and protocol.hole_spacing_mm < 2 * radius_mm:
-        turn_rad = acos(-protocol.hole_spacing_mm / (2 * radius_mm))
-        ends["across the track of the next hole"] = turn_rad * radius_mm
+    """Yield where a needle that bends more than it was designed for comes, if it is inserted too far for it.
+
+    The end of an arc is as near to an arc beside it as the needle is thick: its turn follows from the law of cosines.
+    """
+    radius_mm = _TIGHTEST * protocol.needle.design_radius_mm
+    ends = {"back out of the gel": pi * radius_mm + protocol.sheath.depth_mm}
+    apart_mm, near_mm = min(protocol.list_spacings_mm(), default=inf), radius_mm + protocol.needle.diameter_mm
+    cosine = (near_mm**2 - radius_mm**2 - apart_mm**2) / (2 * radius_mm * apart_mm)
+    if cosine > -1:
+        ends[f"into the track {apart_mm:g} mm beside it"] = acos(min(cosine, 1)) * radius_mm
     for end, most_mm in ends.items():
-        if length_mm > most_mm:
-            message = f"{length_mm:g} mm of an arc of radius {radius_mm:g} mm lead {end}: {most_mm:.3g} mm is the most"
-            yield Problem("insertion.length_mm", message, "a shorter insertion")
+        if protocol.insertion.length_mm > most_mm:
+            told = f"an arc of {radius_mm:g} mm, {_TIGHTEST:g} of the design radius, leads {end} after {most_mm:.3g} mm"
+            yield Problem("insertion.length_mm", told, "a shorter insertion, or holes farther apart")
 
 
 def _find_placed(protocol: SteerabilityProtocol, session: Session) -> TrackedSpecimen | None:

@@ -25,8 +25,8 @@ class Insertion(Model):
     """How the needle goes in and comes out."""
 
     length_mm: float = Field(gt=0, le=500)
-    """How far the needle leaves the sheath; beyond a quarter of a circle it may cross the track of the next hole, and
-    beyond half of one come back out of the gel: `labrig check` warns of both, by the design radius [mm]."""
+    """How far the needle leaves the sheath; the longer an arc, the nearer it comes to the track of the next hole, and
+    beyond half a circle it leaves the gel: `labrig check` warns of both, by 0.9 of the design radius [mm]."""
     speed_mm_s: SpeedMmS
     """Insertion speed [mm/s]."""
     withdraw_speed_mm_s: SpeedMmS
@@ -100,6 +100,13 @@ class SteerabilityProtocol(JudgedProtocol, NeedleProtocol):
         return tuple(
             gel.first_hole_mm + hole * self.hole_spacing_mm for hole in range(self.insertions_per_specimen)
         )
+
+    def list_spacings_mm(self) -> Iterator[float]:
+        """Yield how far holes are from the next, and from old ones of their gel that may not be crossed [mm]."""
+        yield from [self.hole_spacing_mm] * (self.insertions_per_specimen > 1)
+        for gel in self.gels.values():
+            for track in () if gel.block is None or gel.allow_crossing else gel.block.tracks:
+                yield from (abs(place_mm - track.hole_position_mm) for place_mm in self.list_places_mm(gel))
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield repeated names, and sizes that contradict each other."""

@@ -29,8 +29,8 @@ def test_what_is_beyond_a_limit_is_named_with_both_numbers(setting: str, where: 
 
 
 def test_an_arc_that_leads_across_the_next_track_or_out_of_the_gel_is_doubted() -> None:
-    """After 44.1 mm arcs of 27 mm, 10 mm apart, are as near as the needle is thick; half a circle and 15 mm: 99.8."""
-    for length_mm, holes, end in ((44, 2, ""), (45, 2, "into the"), (99, 1, ""), (100, 1, "back out")):
+    """Arcs of 27 mm, 10 mm beside each other, are 2.4 mm apart after 40.6 mm; half a circle and 15 mm are 99.8 mm."""
+    for length_mm, holes, end in ((40, 2, ""), (41, 2, "of a track"), (99, 1, ""), (100, 1, "back out")):
         far = sweep(f"insertion.length_mm={length_mm}", f"insertions_per_specimen={holes}")
         told = " ".join(doubt.message for doubt in plan_of(far, large_rig()).warnings)
         assert (end in told, bool(told)) == (True, bool(end))

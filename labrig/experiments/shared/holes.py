@@ -74,7 +74,7 @@ def _suggest(start_mm: float | None, holes: int) -> str:
     if start_mm is None:
         return "the block has no room for that: fewer insertions, a fresh block, or allow_crossing: true"
     clear = "is clear" if holes == 1 else f"is clear for all {holes} holes"
-    return f"first_hole_mm: {start_mm:g} {clear} (arcs come closer than sheaths); or allow_crossing: true"
+    return f"first_hole_mm: {start_mm:g} {clear}, of the sheaths: arcs come closer; or allow_crossing: true"
 
 
 def find_place(

@@ -5,7 +5,6 @@ The operator places one specimen after another and shifts it from hole to hole: 
 
 from collections.abc import Iterator
 from functools import partial
-from math import acos, inf, pi
 
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.operator import (
@@ -33,15 +32,12 @@ from labrig.runner.session import Session, TrialRun
 from labrig.runner.sight import Sight
 from labrig.runner.withdrawal import confirm_needle_out
 
-# The paper's needle, designed for 30 mm, bent to 27.13 mm in its stiffest gel.
-_TIGHTEST = 0.9
-
 
 def run(protocol: SteerabilityProtocol, session: Session) -> None:
     """Make every insertion of the sweep, or those that remain of it."""
     if problems := tuple(_find_near_holes(protocol)):
         raise FileFormatError(problems)
-    for doubt in _find_long_arcs(protocol):
+    for doubt in protocol.list_doubts():
         session.warn(doubt)
     sight = session.open_sight()
     confirm_needle_out(session)
@@ -72,23 +68,6 @@ def _find_near_holes(protocol: SteerabilityProtocol) -> Iterator[Problem]:
     for key, gel in protocol.gels.items():
         places_mm, diameter_mm = protocol.list_places_mm(gel), protocol.sheath.diameter_mm
         yield from find_near_holes(key, gel, places_mm, diameter_mm, protocol.last_place_mm)
-
-
-def _find_long_arcs(protocol: SteerabilityProtocol) -> Iterator[Problem]:
-    """Yield where a needle that bends more than it was designed for comes, if it is inserted too far for it.
-
-    The end of an arc is as near to an arc beside it as the needle is thick: its turn follows from the law of cosines.
-    """
-    radius_mm = _TIGHTEST * protocol.needle.design_radius_mm
-    ends = {"back out of the gel": pi * radius_mm + protocol.sheath.depth_mm}
-    apart_mm, near_mm = min(protocol.list_spacings_mm(), default=inf), radius_mm + protocol.needle.diameter_mm
-    cosine = (near_mm**2 - radius_mm**2 - apart_mm**2) / (2 * radius_mm * apart_mm)
-    if cosine > -1:
-        ends[f"into the track {apart_mm:g} mm beside it"] = acos(min(cosine, 1)) * radius_mm
-    for end, most_mm in ends.items():
-        if protocol.insertion.length_mm > most_mm:
-            told = f"an arc of {radius_mm:g} mm, {_TIGHTEST:g} of the design radius, leads {end} after {most_mm:.3g} mm"
-            yield Problem("insertion.length_mm", told, "a shorter insertion, or holes farther apart")
 
 
 def _find_placed(protocol: SteerabilityProtocol, session: Session) -> TrackedSpecimen | None:

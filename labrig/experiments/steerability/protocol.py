@@ -1,11 +1,12 @@
 """The protocol of a steerability sweep."""
 
 from collections.abc import Iterator, Mapping
-from math import ceil, cos, pi
+from math import acos, ceil, cos, inf, pi
 from typing import ClassVar, Literal, Self
 
 from pydantic import Field
 
+from labrig.errors import Problem
 from labrig.protocol.model import Conflict, Line, Model, PositiveMm, SpeedMmS
 from labrig.protocol.sections import (
     AnalysisWindow,
@@ -19,6 +20,8 @@ from labrig.protocol.specimen_file import TracksBySpecimen
 
 # A picture nearer to the end than this share of the way between two pictures would be the final one again.
 _AT_END = 0.01
+# The paper's needle, designed for 30 mm, bent to 27.13 mm in its stiffest gel.
+_TIGHTEST = 0.9
 
 
 class Insertion(Model):
@@ -26,7 +29,8 @@ class Insertion(Model):
 
     length_mm: float = Field(gt=0, le=500)
     """How far the needle leaves the sheath; the longer an arc, the nearer it comes to the track of the next hole, and
-    beyond half a circle it leaves the gel: `labrig check` warns of both, by 0.9 of the design radius [mm]."""
+    beyond half a circle it leaves the gel: `labrig check` warns of both, by 0.9 of the design radius, as the paper's
+    needle bent in its stiffest gel [mm]."""
     speed_mm_s: SpeedMmS
     """Insertion speed [mm/s]."""
     withdraw_speed_mm_s: SpeedMmS
@@ -107,6 +111,24 @@ class SteerabilityProtocol(JudgedProtocol, NeedleProtocol):
         for gel in self.gels.values():
             for track in () if gel.block is None or gel.allow_crossing else gel.block.tracks:
                 yield from (abs(place_mm - track.hole_position_mm) for place_mm in self.list_places_mm(gel))
+
+    def list_doubts(self) -> Iterator[Problem]:
+        """Yield what a needle comes to that bends more than it was designed for, if it is inserted too far for it.
+
+        The law of cosines says where two arcs alike are a needle's width from each other; those of one gel differ.
+        """
+        radius_mm = _TIGHTEST * self.needle.design_radius_mm
+        ends = {"leads back out of the gel": pi * radius_mm + self.sheath.depth_mm}
+        apart_mm, near_mm = min(self.list_spacings_mm(), default=inf), radius_mm + 2 * self.needle.diameter_mm
+        cosine = (near_mm**2 - radius_mm**2 - apart_mm**2) / (2 * radius_mm * apart_mm)
+        if cosine > -1:
+            ends[f"comes within its width of a track {apart_mm:g} mm aside"] = (
+                acos(min(cosine, 1)) * radius_mm
+            )
+        for end, most_mm in ends.items():
+            if self.insertion.length_mm > most_mm:
+                arc = f"an arc of {radius_mm:g} mm, {_TIGHTEST:g} of the design radius, {end} after {most_mm:.3g} mm"
+                yield Problem("insertion.length_mm", arc, "a shorter insertion, or holes farther apart")
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield repeated names, and sizes that contradict each other."""

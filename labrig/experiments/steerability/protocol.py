@@ -122,9 +122,7 @@ class SteerabilityProtocol(JudgedProtocol, NeedleProtocol):
         apart_mm, near_mm = min(self.list_spacings_mm(), default=inf), radius_mm + 2 * self.needle.diameter_mm
         cosine = (near_mm**2 - radius_mm**2 - apart_mm**2) / (2 * radius_mm * apart_mm)
         if cosine > -1:
-            ends[f"comes within its width of a track {apart_mm:g} mm aside"] = (
-                acos(min(cosine, 1)) * radius_mm
-            )
+            ends[f"comes within its width of a track {apart_mm:g} mm off"] = radius_mm * acos(min(cosine, 1))
         for end, most_mm in ends.items():
             if self.insertion.length_mm > most_mm:
                 arc = f"an arc of {radius_mm:g} mm, {_TIGHTEST:g} of the design radius, {end} after {most_mm:.3g} mm"

@@ -28,7 +28,7 @@ from labrig.analysis.statistics import (
 )
 from labrig.errors import InputError
 from labrig.protocol.model import Model
-from labrig.record.difference import find_differences, read_conditions
+from labrig.record.difference import find_differences
 from labrig.steering.parameters import PAPER_SECTIONS, SECTIONS
 from labrig.text import format_count, split_key, split_quantity, tell_value
 
@@ -339,7 +339,7 @@ def _note_settings(runs: Sequence[Measured], by: Sequence[str]) -> Iterable[str]
     What names runs or groups is left out; where policies are compared, also what each of them says.
     """
     told, policies = {}, list(map(name_policy, runs))
-    made = ({**run.run.protocol, **run.settings, "rig": read_conditions(run.run)["rig"]} for run in runs)
+    made = ({**run.run.protocol, **run.settings, "rig": run.run.rig} for run in runs)
     for key, values in find_differences(*made):
         said = {*zip(policies, values, strict=True)}
         by_policy = key in _OF_POLICY and "policy" in by and len(said) == len({*policies})

@@ -187,10 +187,8 @@ def _run_command(arguments: Sequence[str], app: typer.Typer) -> int:
     return failure.exit_code
 
 
-@cache
-def _make_parser(app: typer.Typer) -> Callable[..., object]:
-    """Return what parses and calls commands; an app would make it anew each time, from every signature."""
-    return get_command(app)
+# What parses and calls commands; an app would make it anew each time, from every signature.
+_make_parser = cache(get_command)
 
 
 def _invoke(app: typer.Typer, arguments: Sequence[str]) -> int:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import TypeAlias
 
-from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.json_lines import Value, flatten
 from labrig.record.reader import Run
 
@@ -53,7 +52,7 @@ def list_differences(a: Run, b: Run) -> tuple[Difference, ...]:
 
 def list_conditions(*runs: Run) -> Iterator[Differing]:
     """Yield what differs in what runs were made with: protocols, rigs, calibrations, versions and devices."""
-    return _compare(*map(read_conditions, runs))
+    return _compare(*map(_read_conditions, runs))
 
 
 def _compare(*runs: Mapping[str, object]) -> Iterator[Differing]:
@@ -74,16 +73,15 @@ def find_differences(*documents: object) -> Iterator[tuple[str, tuple[Value, ...
 def _read_sections(run: Run) -> dict[str, Mapping[str, object]]:
     return {
         "run": {key: run.manifest.get(key) for key in _RUN_KEYS},
-        **read_conditions(run),
+        **_read_conditions(run),
         "results": {key: value for key, value in (run.result or {}).items() if key not in _STAMP},
     }
 
 
-def read_conditions(run: Run) -> dict[str, Mapping[str, object]]:
-    """Return what a run was made with: its protocol, rig, calibration, versions and devices."""
+def _read_conditions(run: Run) -> dict[str, Mapping[str, object]]:
     return {
         "protocol": run.protocol,
-        "rig": {} if run.rig_path is None else load_yaml_values(run.rig_path),
+        "rig": run.rig,
         "calibration": {name: {"sha256": sha256} for name, sha256 in run.calibration_hashes.items()},
         "versions": {**(run.manifest.get("provenance") or {}), "command_line": None},
         "devices": run.devices,

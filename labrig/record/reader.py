@@ -245,6 +245,11 @@ class Run:
         return self._require_unchanged(layout.RIG) if layout.RIG in self.hashes else None
 
     @cached_property
+    def rig(self) -> Mapping[str, Any]:
+        """The rig file as resolved for this run, a document; empty without a rig. Raises as `protocol`."""
+        return {} if self.rig_path is None else load_yaml_values(self.rig_path)
+
+    @cached_property
     def states(self) -> pd.DataFrame:
         """The readings of the axes, one row each, with `t_s` [s] of rig time."""
         return self._read_table("states")

@@ -27,7 +27,6 @@ from labrig.analysis.result import AnyResult
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, RecordError
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.events import UNENDED, TrialStart, TrialStop
 from labrig.record.layout import INCOMPLETE, is_simulated
 from labrig.record.notes import Annotations
@@ -171,7 +170,7 @@ def _read_annotations(run: Run) -> tuple[Annotations, str]:
 def read_world(run: Run) -> Mapping[str, Any]:
     """Return what the rig file says of the simulated world; nothing on a real rig."""
     with suppress(FileFormatError):
-        match None if run.rig_path is None else load_yaml_values(run.rig_path):
+        match run.rig:
             case {"world": Mapping() as world}:
                 return world
     return _NONE

@@ -14,11 +14,7 @@ Follow = Callable[[Any, str, RecordLines], None]
 """(recording stream of rerun, name of its time line, lines of the record that it has not seen yet)"""
 
 
-def _send_nothing(_stream: Any, _timeline: str) -> None:
-    """Add nothing."""
-
-
-def _follow_nothing(_stream: Any, _timeline: str, _lines: RecordLines) -> None:
+def _add_nothing(*_told: Any) -> None:
     """Add nothing."""
 
 
@@ -49,8 +45,8 @@ class View:
     """
 
     curves: tuple[tuple[str, str], ...] = ()
-    send: Send = _send_nothing
-    follow: Follow = _follow_nothing
+    send: Send = _add_nothing
+    follow: Follow = _add_nothing
     overviews: tuple[tuple[str, str], ...] = ()
     needs: Callable[[FrameLine], bool] = _is_never_needed
     words: Mapping[str, str] = field(default_factory=dict)

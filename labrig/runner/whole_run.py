@@ -82,7 +82,7 @@ def record(order: RunOrder, attendant: Attendant) -> FinishedRun:
     if plan.problems:
         raise FileFormatError(plan.problems)
     for doubt in filter(None, (plan.refusal, *plan.warnings)):
-        attendant.say(f"{'warning: ' * (doubt is not plan.refusal)}{doubt.message}; {doubt.hint}")
+        attendant.say(f"{'' if doubt is plan.refusal else 'warning: '}{doubt.message}; {doubt.hint}")
     require_free_bytes(order.runs_dir, count_needed_bytes(plan, order.rig))
     if order.rig is None:
         clock = SystemClock()

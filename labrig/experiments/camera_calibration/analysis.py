@@ -13,7 +13,6 @@ from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, Pict
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import SCALE_HINT, CameraCalibrationProtocol, GraphPaper
 from labrig.experiments.camera_calibration.result import CalibrationResult
-from labrig.protocol.yaml_text import load_yaml_values
 from labrig.record.reader import Run
 from labrig.vision.calibrate_lens import calibrate_from_pictures, find_board
 from labrig.vision.calibrate_plane import calibrate_plane, find_px_per_mm
@@ -119,8 +118,7 @@ def _calibrate_plane(
 
 def _find_px_per_mm(run: Run, lens: Intrinsics, plane: GraphPaper) -> float | None:
     """Return the scale of the pictures, roughly: by a distance, or of the rig's plane map when the run began."""
-    rig = {} if run.rig_path is None else load_yaml_values(run.rig_path)
-    camera = rig.get("camera")
+    camera = run.rig.get("camera")
     in_rig = camera.get("distance_mm") if isinstance(camera, Mapping) else None
     distance_mm = plane.distance_mm or (in_rig if isinstance(in_rig, float | int) else None)
     if distance_mm:

@@ -107,7 +107,8 @@ class SteerabilityProtocol(JudgedProtocol, NeedleProtocol):
 
     def list_spacings_mm(self) -> Iterator[float]:
         """Yield how far holes are from the next, and from old ones of their gel that may not be crossed [mm]."""
-        yield from [self.hole_spacing_mm] * (self.insertions_per_specimen > 1)
+        if self.insertions_per_specimen > 1:
+            yield self.hole_spacing_mm
         for gel in self.gels.values():
             for track in () if gel.block is None or gel.allow_crossing else gel.block.tracks:
                 yield from (abs(place_mm - track.hole_position_mm) for place_mm in self.list_places_mm(gel))
